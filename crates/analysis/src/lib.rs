@@ -1,0 +1,29 @@
+//! Poses and readings -> results per experiment -> report text.
+//!
+//! Pure: the caller gives poses, readings and decoded pictures; results, CSV, JSON and one
+//! self-contained HTML page come back. No files, no clocks, no hardware. Numbers are in
+//! millimetres and radians; every field that leaves as text has its unit as a suffix.
+//!
+//! To add an experiment's analysis: a module beside [`mod@translation`] with its input, its
+//! serialisable result and a verdict, a field in [`ReportInput`], a section in `report`.
+
+mod export;
+mod fit;
+mod numbers;
+pub mod report;
+pub mod score;
+pub mod translation;
+mod verdict;
+
+pub use export::{json, poses_csv, positions_csv};
+pub use fit::LineFit;
+pub use report::{ReportInput, html};
+pub use score::{MethodScore, ScoredCapture, Truth, score};
+pub use translation::{
+    DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,
+    translation,
+};
+pub use verdict::{Decision, Limits, Verdict};
+
+/// Coverage factor of every expanded uncertainty in this crate: U = 2 u (GUM, section 6.3).
+pub const COVERAGE_FACTOR: f64 = 2.0;

@@ -1,0 +1,129 @@
+//! What the report is made from: plain data that the app fills from the store.
+
+use std::collections::BTreeMap;
+
+use beampose_core::{
+    CaptureId, Identity, InstrumentName, Pose, Quantity, Reading, SessionId, SessionOutcome, Stamp,
+};
+use beampose_photogrammetry::GrayImage;
+use beampose_photogrammetry::solve::{CaptureSolution, Method, MethodResult, StageSeconds};
+
+use crate::score::MethodScore;
+use crate::translation::TranslationResult;
+use crate::verdict::Verdict;
+
+/// Everything that a report shows.
+#[derive(Debug, Clone)]
+pub struct ReportInput {
+    /// The plan's title.
+    pub title: String,
+    /// The experiment's kind, as in `translation`.
+    pub experiment: String,
+    /// The verdict on the session: [`Verdict::of_session`].
+    pub verdict: Verdict,
+    /// Why, one sentence each (for a translation test its `reasons`; else the session's).
+    pub reasons: Vec<String>,
+    /// The methods asked for, also those that gave nothing.
+    pub methods: Vec<Method>,
+    /// The captures in the order in which they were taken, solved or not.
+    pub captures: Vec<ReportCapture>,
+    /// The result, if the experiment is a translation test.
+    pub translation: Option<TranslationResult>,
+    /// Against the truth, if somebody knows it; empty otherwise.
+    pub scores: BTreeMap<Method, MethodScore>,
+    /// Decoded pictures to show; one capture, all cameras is a good choice. They are reduced to
+    /// about [`super::PICTURE_WIDTH`] pixels of width.
+    pub pictures: Vec<ReportPicture>,
+    /// Width and height of each camera's pictures in pixels, for the residual plots.
+    pub frames_px: BTreeMap<String, [usize; 2]>,
+    /// Readings over the session, one trace per instrument and quantity; any quantity.
+    pub environment: Vec<Trace>,
+    /// Where it all comes from.
+    pub provenance: Provenance,
+    /// Remarks on the session as a whole.
+    pub notes: Vec<String>,
+}
+
+/// One capture in the report.
+#[derive(Debug, Clone)]
+pub struct ReportCapture {
+    /// Its name.
+    pub id: CaptureId,
+    /// When it was triggered, if known.
+    pub at: Option<Stamp>,
+    /// Setpoints and loop counters, keyed as `rail_mm`, `pass`.
+    pub setpoints: BTreeMap<String, f64>,
+    /// Readings nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
+    pub readings: BTreeMap<String, f64>,
+    /// What solving gave, or why nothing was solved at all.
+    pub solution: Result<CaptureSolution, String>,
+    /// Where the time went; zeros where nobody looked at a clock.
+    pub seconds: StageSeconds,
+}
+
+/// One decoded picture.
+#[derive(Debug, Clone)]
+pub struct ReportPicture {
+    /// Which capture.
+    pub capture: CaptureId,
+    /// Which camera, by its name in the solution.
+    pub camera: String,
+    /// The picture at full size.
+    pub image: GrayImage,
+}
+
+/// One instrument's readings of one quantity over the session.
+#[derive(Debug, Clone)]
+pub struct Trace {
+    /// The instrument.
+    pub instrument: InstrumentName,
+    /// What it reads.
+    pub quantity: Quantity,
+    /// The readings in order of time.
+    pub readings: Vec<Reading>,
+}
+
+/// Where a report comes from.
+#[derive(Debug, Clone)]
+pub struct Provenance {
+    /// The session.
+    pub session: SessionId,
+    /// How the session ended.
+    pub outcome: SessionOutcome,
+    /// When it began.
+    pub opened: Stamp,
+    /// When it ended, if it did.
+    pub closed: Option<Stamp>,
+    /// The processing shown: its id in the store.
+    pub processing: String,
+    /// The program's version that acquired.
+    pub acquired_with: String,
+    /// The program's version that solved.
+    pub processed_with: String,
+    /// The options of the processing, name and value.
+    pub options: BTreeMap<String, String>,
+    /// Hashes by what they are of: `plan`, `inputs`, `calibration`.
+    pub hashes: BTreeMap<String, String>,
+    /// The simulation's seed, if simulated.
+    pub seed: Option<u64>,
+    /// The instruments and what they said of themselves.
+    pub instruments: BTreeMap<InstrumentName, Identity>,
+    /// The plan's text as run; empty for an imported session.
+    pub plan_text: String,
+    /// The rig's text as run; empty for an imported session.
+    pub rig_text: String,
+}
+
+impl ReportCapture {
+    /// A method's result, solved or not.
+    #[must_use]
+    pub fn result(&self, method: Method) -> Option<&MethodResult> {
+        self.solution.as_ref().ok()?.results.iter().find(|r| r.method == method)
+    }
+
+    /// A method's pose, if it gave one.
+    #[must_use]
+    pub fn pose(&self, method: Method) -> Option<&Pose> {
+        self.result(method)?.pose.as_ref().ok()
+    }
+}

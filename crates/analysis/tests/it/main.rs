@@ -1,0 +1,9 @@
+//! Analysis and report through their public face, on constructed data with known answers.
+#![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests: they fail by panicking")]
+
+mod export;
+mod report;
+mod score;
+mod synthetic;
+mod table_6_4;
+mod translation;

@@ -1,0 +1,80 @@
+//! From the rig's files to what solving needs: calibrations, pattern, artefact, prior.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use beampose_core::Quantity;
+use beampose_photogrammetry::camera::read_camera_info;
+use beampose_photogrammetry::pattern::read_pattern;
+use beampose_photogrammetry::{
+    Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Setup, TieTargets,
+};
+use beampose_plan::Rig;
+use beampose_plan::rig::instruments::Camera;
+
+use crate::input::referred;
+
+/// Standard uncertainty of a wavelength reading where the rig declares none, nanometres: what a
+/// simple wavelength meter has.
+const WAVELENGTH_U_NM: f64 = 0.1;
+
+/// Everything that solving needs, at the cameras' full picture size.
+///
+/// # Errors
+/// Which file is at fault and why, for people.
+pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
+    let mut cameras = BTreeMap::new();
+    for (name, camera) in rig.cameras() {
+        cameras.insert(name.as_str().to_owned(), calibrated(camera, folder)?);
+    }
+    let m = &rig.measurement;
+    let text = referred(folder, &m.pattern.value, "pattern")?;
+    let pattern = read_pattern(&text)
+        .map_err(|error| format!("{}: {error}", folder.join(&m.pattern.value).display()))?;
+    let wavelength_u_nm = rig
+        .sensors()
+        .filter(|(_, s)| s.reads == Quantity::Wavelength)
+        .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
+        .unwrap_or(WAVELENGTH_U_NM);
+    let artefact = Artefact {
+        targets: m
+            .artefact
+            .targets
+            .value
+            .iter()
+            .map(|t| ArtefactTarget {
+                code: t.value.code.value,
+                xyz_mm: t.value.xyz.map(|x| x.0),
+                u_mm: t.value.u.0,
+                radius_mm: t.value.radius.0,
+            })
+            .collect(),
+        scale_relative_u: m.artefact.scale_relative_u,
+    };
+    Ok(Setup {
+        cameras,
+        pattern,
+        artefact,
+        tie_targets: m.tie_targets.as_ref().map(|t| TieTargets { radius_mm: t.radius.0 }),
+        module_prior: m.module_prior.as_ref().map(|p| ModulePrior {
+            rotation_omega_phi_kappa_deg: p.rotation_omega_phi_kappa.map(|a| a.0),
+            within_deg: p.within.0,
+        }),
+        wavelength_u_nm,
+    })
+}
+
+fn calibrated(camera: &Camera, folder: &Path) -> Result<CalibratedCamera, String> {
+    let file = &camera.calibration.value;
+    let text = referred(folder, file, "camera calibration")?;
+    let model = read_camera_info(&text)
+        .map_err(|error| format!("{}: {error}", folder.join(file).display()))?;
+    let sigma = camera.interior_u.as_ref().map_or(
+        InteriorSigma { focal_px: 0.0, principal_point_px: [0.0; 2] },
+        |u| InteriorSigma {
+            focal_px: u.focal.0 / camera.pixel_pitch.0,
+            principal_point_px: u.principal_point.map(|p| p.0 / camera.pixel_pitch.0),
+        },
+    );
+    Ok(CalibratedCamera { model, sigma })
+}

@@ -1,0 +1,57 @@
+//! `beampose check`.
+
+use std::path::PathBuf;
+
+use super::Ended;
+use crate::calibration;
+use crate::input::checked;
+use crate::output::{Exit, print};
+use crate::settings::Overrides;
+
+/// Check a plan against its rig without doing anything
+///
+/// Lists every fault at once with file, line, column and the nearest valid name; else prints the
+/// steps with estimated time and disk use. Nothing is moved, lit or written.
+#[derive(clap::Args)]
+pub struct Check {
+    /// The plan, a YAML file
+    plan: PathBuf,
+    /// The rig, a YAML file; without it the one that the plan names
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Print only the summary, not each step
+    #[arg(short, long)]
+    quiet: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Check {
+    pub fn execute(&self) -> Result<Exit, Ended> {
+        let checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
+            .map_err(Ended::input)?;
+        calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
+        let summary = &checked.summary;
+        if self.json {
+            let object = serde_json::json!({
+                "title": summary.title,
+                "rig": summary.rig_title,
+                "steps": summary.steps,
+                "plan_hash": summary.plan_hash,
+                "expected_s": summary.expected.0,
+                "captures": summary.captures,
+                "pictures": summary.pictures,
+                "picture_bytes": summary.picture_bytes,
+                "warnings": summary.warnings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            });
+            print(&object.to_string());
+            return Ok(Exit::Success);
+        }
+        if !self.quiet {
+            print(&summary.step_list());
+        }
+        print(&summary.to_string());
+        Ok(Exit::Success)
+    }
+}

@@ -1,0 +1,86 @@
+//! `beampose score`: the only reader of the simulation's truth.
+
+use beampose_analysis::{MethodScore, ScoredCapture, Truth, score};
+use beampose_photogrammetry::solve::Method;
+use std::collections::BTreeMap;
+
+use super::sessions::plain_table;
+use super::{Database, Ended, find};
+use crate::output::{Exit, print};
+use crate::session_report::load;
+
+/// Compare a simulated session with its truth
+///
+/// Position and rotation errors, the normalised estimation error squared (3 where the stated
+/// covariance is true), and how often the 95 % ellipsoid holds the truth. SESSION is an id, a
+/// unique beginning of one, or `latest`.
+#[derive(clap::Args)]
+pub struct Score {
+    /// Which session
+    session: String,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    database: Database,
+}
+
+impl Score {
+    pub async fn execute(self) -> Result<Exit, Ended> {
+        let store = self.database.open_existing().await?;
+        let id = find(&store, &self.session).await?;
+        let truths = beampose_store::truth::captures(&store, id).await?;
+        if truths.is_empty() {
+            return Err(Ended::input(format!(
+                "session {id} has no truth to compare with: it is not simulated"
+            )));
+        }
+        let loaded = load(&store, id).await?;
+        let mut captures = Vec::new();
+        for capture in &loaded.captures {
+            let Some(json) = truths.get(&capture.id) else { continue };
+            let truth: TruePose = serde_json::from_str(json)?;
+            let poses = match &capture.solution {
+                Ok(s) => s.results.iter().map(|r| (r.method, r.pose.clone())).collect(),
+                Err(reason) => Method::ALL.map(|m| (m, Err(reason.clone()))).into(),
+            };
+            let truth =
+                Truth { position_mm: truth.position_mm, quaternion_wxyz: truth.quaternion_wxyz };
+            captures.push(ScoredCapture { id: capture.id.clone(), truth, poses });
+        }
+        let scores = score(&captures);
+        if self.json {
+            let by_name: BTreeMap<&str, &MethodScore> =
+                scores.iter().map(|(m, s)| (m.name(), s)).collect();
+            print(&serde_json::json!({ "session": id.to_string(), "methods": by_name }).to_string());
+        } else {
+            print(&table(&scores));
+        }
+        Ok(Exit::Success)
+    }
+}
+
+/// The part of the stored truth that is scored.
+#[derive(serde::Deserialize)]
+struct TruePose {
+    position_mm: [f64; 3],
+    quaternion_wxyz: [f64; 4],
+}
+
+fn table(scores: &BTreeMap<Method, MethodScore>) -> String {
+    let mut table = plain_table();
+    table.set_header(["method", "rms mm", "rms deg", "NEES (3)", "95 % holds"]);
+    let number = |x: Option<f64>, digits: usize| {
+        x.map_or_else(|| "none".to_owned(), |x| format!("{x:.digits$}"))
+    };
+    for (method, s) in scores {
+        table.add_row([
+            method.name().to_owned(),
+            number(s.rms_position_error_mm, 4),
+            number(s.rms_rotation_error_deg, 5),
+            number(s.nees_position_mean, 2),
+            number(s.coverage_95, 3),
+        ]);
+    }
+    table.to_string()
+}

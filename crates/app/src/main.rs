@@ -1,0 +1,19 @@
+//! `beampose`: runs an optical position sensor by itself, from a plan in YAML to a report with
+//! uncertainties. This crate is the rim: files, terminal, wiring. What it wires knows nothing of it.
+
+mod calibration;
+mod cli;
+mod input;
+mod output;
+mod pipeline;
+mod progress;
+mod session_report;
+mod settings;
+mod truth;
+mod wiring;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

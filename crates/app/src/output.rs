@@ -1,0 +1,50 @@
+//! Everything that goes to standard output, and how the program ends.
+//!
+//! A reader that closes the pipe early (`| head`) is no error: the program then ends quietly.
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// How the program ends; documented in `--help`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exit {
+    /// All done; a verdict, if any, is pass or inconclusive.
+    Success,
+    /// All done; the verdict is fail.
+    VerdictFail,
+    /// The command line, plan, rig or another input is at fault. Nothing was done.
+    Input,
+    /// The session was aborted by the operator or a signal; the lasers are off.
+    Aborted,
+    /// An instrument, the store or the program failed; what was acquired is kept.
+    Failed,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(match exit {
+            Exit::Success => 0,
+            Exit::VerdictFail => 1,
+            Exit::Input => 2,
+            Exit::Aborted => 3,
+            Exit::Failed => 4,
+        })
+    }
+}
+
+/// Prints a text and a line feed to standard output.
+pub fn print(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let written = writeln!(out, "{text}").and_then(|()| out.flush());
+    if let Err(error) = written
+        && error.kind() == std::io::ErrorKind::BrokenPipe
+    {
+        // Nobody reads on: what is left to say would reach no one.
+        std::process::exit(0);
+    }
+}
+
+/// Prints a text and a line feed to standard error; there is nobody to tell if that fails.
+pub fn complain(text: &str) {
+    let _nobody_left_to_tell = writeln!(std::io::stderr().lock(), "{text}");
+}

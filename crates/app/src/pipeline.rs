@@ -1,0 +1,208 @@
+//! Stored captures in, solutions in the store: decode, detect, solve. Runs beside a session and on
+//! stored ones alike, and knows nothing of instruments.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use beampose_core::{CaptureId, InstrumentName, SessionId};
+use beampose_photogrammetry::detect::{
+    DotOptions, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
+};
+use beampose_photogrammetry::solve::{
+    CaptureSolution, Method, Sighting, StageSeconds, solve_capture,
+};
+use beampose_photogrammetry::{Setup, decode};
+use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
+use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+
+/// The program's version, as stored with what it makes.
+pub const SOFTWARE: &str = concat!("beampose ", env!("CARGO_PKG_VERSION"));
+
+/// A processing under way.
+#[derive(Clone)]
+pub struct Pipeline {
+    store: Arc<Store>,
+    session: SessionId,
+    processing: ProcessingId,
+    setup: Arc<Setup>,
+    methods: Arc<[Method]>,
+}
+
+/// A capture that was solved (or not, with the reason inside).
+pub struct Solved {
+    /// Which capture.
+    pub capture: CaptureId,
+    /// What came out.
+    pub solution: CaptureSolution,
+    /// Where the time went.
+    pub seconds: StageSeconds,
+}
+
+impl Pipeline {
+    /// Begins a processing of `session`.
+    ///
+    /// # Errors
+    /// When the store refuses it.
+    pub async fn begin(
+        store: Arc<Store>,
+        session: SessionId,
+        setup: Arc<Setup>,
+        methods: &[Method],
+    ) -> anyhow::Result<Self> {
+        let setup_json = serde_json::to_string(&*setup)?;
+        let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
+        let new = NewProcessing {
+            session,
+            created: jiff::Timestamp::now(),
+            software: SOFTWARE.to_owned(),
+            options_json: serde_json::json!({ "methods": names }).to_string(),
+            lineage_json: serde_json::json!({
+                "measurement_blake3": blake3::hash(setup_json.as_bytes()).to_hex().as_str(),
+            })
+            .to_string(),
+        };
+        let processing = store.start_processing(&new).await?;
+        Ok(Self { store, session, processing, setup, methods: methods.into() })
+    }
+
+    /// The processing's number.
+    pub const fn processing(&self) -> ProcessingId {
+        self.processing
+    }
+
+    /// Solves one stored capture and stores what came out. A capture that cannot be solved is no
+    /// error: its reason is stored.
+    ///
+    /// # Errors
+    /// When the store fails.
+    pub async fn solve(&self, capture: &StoredCapture) -> anyhow::Result<Solved> {
+        let mut files = Vec::new();
+        let mut unread = Vec::new();
+        for picture in &capture.pictures {
+            match self.store.picture(self.session, &capture.id, &picture.camera).await {
+                Ok(bytes) => files.push((picture.camera.clone(), bytes)),
+                // The other cameras may do: a corrupt picture is said, and left out.
+                Err(error) => unread.push(format!("{}: {error}", picture.camera)),
+            }
+        }
+        let (setup, methods) = (self.setup.clone(), self.methods.clone());
+        let wavelength = capture.readings.get("wavelength_nm").copied();
+        let id = capture.id.clone();
+        let (mut solution, seconds) = tokio::task::spawn_blocking(move || {
+            solve_pictures(&setup, &files, wavelength, &methods)
+        })
+        .await
+        .with_context(|| format!("failed to solve capture {id}"))?;
+        solution.notes.append(&mut unread);
+        let solved = Solved { capture: capture.id.clone(), solution, seconds };
+        self.store.save_solution(self.processing, &row(&solved)?).await?;
+        Ok(solved)
+    }
+
+    /// Ends the processing.
+    ///
+    /// # Errors
+    /// When the store refuses it.
+    pub async fn finish(&self) -> anyhow::Result<()> {
+        Ok(self.store.finish_processing(self.processing, jiff::Timestamp::now()).await?)
+    }
+}
+
+/// Pictures to solution, the cameras in parallel; the order of cameras is that of their names, so
+/// the result does not depend on the number of threads.
+fn solve_pictures(
+    setup: &Setup,
+    files: &[(InstrumentName, Vec<u8>)],
+    wavelength_nm: Option<f64>,
+    methods: &[Method],
+) -> (CaptureSolution, StageSeconds) {
+    let seen: Vec<_> = files
+        .into_par_iter()
+        .map(|(camera, bytes)| (camera.as_str().to_owned(), sight(setup, camera.as_str(), bytes)))
+        .collect();
+    let mut seconds = StageSeconds::default();
+    let mut sightings = BTreeMap::new();
+    let mut notes = Vec::new();
+    for (camera, result) in seen {
+        match result {
+            Ok((sighting, of_decode, of_detect)) => {
+                sightings.insert(camera, sighting);
+                // Cameras go in parallel: the slowest one counts.
+                seconds.decode = of_decode.max(seconds.decode);
+                seconds.detect = of_detect.max(seconds.detect);
+            }
+            Err(reason) => notes.push(format!("{camera}: {reason}")),
+        }
+    }
+    let before = Instant::now();
+    let mut solution = solve_capture(setup, &sightings, wavelength_nm, methods);
+    seconds.adjust = before.elapsed().as_secs_f64();
+    solution.notes.append(&mut notes);
+    (solution, seconds)
+}
+
+fn sight(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<(Sighting, f64, f64), String> {
+    let before = Instant::now();
+    let image = decode(bytes).map_err(|error| error.to_string())?;
+    let decoded = before.elapsed().as_secs_f64();
+    if let Some(c) = setup.cameras.get(camera)
+        && (c.model.width, c.model.height) != (image.width, image.height)
+    {
+        return Err(format!(
+            "the picture has {} x {} pixels, its calibration is for {} x {}",
+            image.width, image.height, c.model.width, c.model.height
+        ));
+    }
+    let before = Instant::now();
+    let targets = find_targets(&image, &TargetOptions::default());
+    let mut dots = find_dots(&image, &DotOptions::default()).dots;
+    drop_dots_on_targets(&mut dots, &targets);
+    Ok((Sighting { dots, targets }, decoded, before.elapsed().as_secs_f64()))
+}
+
+fn row(solved: &Solved) -> anyhow::Result<SolutionRow> {
+    let poses = solved
+        .solution
+        .results
+        .iter()
+        .map(|r| PoseRow {
+            capture: solved.capture.clone(),
+            method: r.method.name().to_owned(),
+            pose: r.pose.clone(),
+            beams_used: r.beams_used as u64,
+            sigma0: r.sigma0,
+            wavelength_nm: r.wavelength_nm,
+            ambiguous: r.ambiguous,
+        })
+        .collect();
+    // Observations are kept apart, by camera.
+    let mut bare = solved.solution.clone();
+    let mut observations_json = BTreeMap::new();
+    for (name, camera) in &mut bare.cameras {
+        let taken = std::mem::take(&mut camera.observations);
+        observations_json.insert(name.clone(), serde_json::to_string(&taken)?);
+    }
+    Ok(SolutionRow {
+        capture: solved.capture.clone(),
+        seconds_json: serde_json::to_string(&solved.seconds)?,
+        solution_json: serde_json::to_string(&bare)?,
+        poses,
+        observations_json,
+    })
+}
+
+/// The solution that a row holds.
+///
+/// # Errors
+/// When its JSON is not what this program writes.
+pub fn solution_of(row: &SolutionRow) -> anyhow::Result<(CaptureSolution, StageSeconds)> {
+    let mut solution: CaptureSolution = serde_json::from_str(&row.solution_json)?;
+    for (name, json) in &row.observations_json {
+        if let Some(camera) = solution.cameras.get_mut(name) {
+            camera.observations = serde_json::from_str(json)?;
+        }
+    }
+    Ok((solution, serde_json::from_str(&row.seconds_json)?))
+}

@@ -1,0 +1,335 @@
+//! A stored session as the input of analysis and report, and the report's files.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
+use beampose_analysis::{
+    Decision, DistanceRule, Limits, ReportInput, StatedScale, TranslationInput, TranslationResult,
+    TravelCapture, Verdict, translation,
+};
+use beampose_core::units::Millimetre;
+use beampose_core::{EventKind, Identity, InstrumentName, Quantity, SessionId, SessionOutcome};
+use beampose_photogrammetry::solve::{CaptureSolution, Method};
+use beampose_photogrammetry::{Setup, decode};
+use beampose_plan::{Analyse, Plan, read_plan};
+use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
+
+use crate::pipeline::solution_of;
+
+/// A stored session with one of its processings.
+pub struct Loaded {
+    /// The session.
+    pub session: StoredSession,
+    /// Its plan, read again from its stored text.
+    pub plan: Plan,
+    /// What solving was told.
+    pub setup: Setup,
+    /// The processing shown.
+    pub processing: Processing,
+    /// Its captures with what solving gave.
+    pub captures: Vec<ReportCapture>,
+    /// The captures as stored.
+    pub stored: Vec<StoredCapture>,
+}
+
+/// Loads a session with its newest processing.
+///
+/// # Errors
+/// When there is no processing yet, or what is stored cannot be read.
+pub async fn load(store: &Store, id: SessionId) -> anyhow::Result<Loaded> {
+    let session = store.session(id).await?;
+    let plan = read_plan("stored plan", session.header.plan_text.as_bytes())
+        .map_err(|faults| anyhow::anyhow!("the session's plan cannot be read:\n{faults}"))?;
+    let setup = serde_json::from_str(&session.header.measurement_json)
+        .context("the session's measurement setup cannot be read")?;
+    let processing = store
+        .latest_processing(id)
+        .await?
+        .with_context(|| format!("session {id} was not solved yet: beampose solve {id}"))?;
+    let stored = store.captures(id).await?;
+    let mut captures = Vec::new();
+    for capture in &stored {
+        captures.push(report_capture(store, &processing, capture).await?);
+    }
+    Ok(Loaded { session, plan, setup, processing, captures, stored })
+}
+
+async fn report_capture(
+    store: &Store,
+    processing: &Processing,
+    capture: &StoredCapture,
+) -> anyhow::Result<ReportCapture> {
+    let (solution, seconds) = match store.solution(processing.id, &capture.id).await {
+        Ok(row) => {
+            let (solution, seconds) = solution_of(&row)
+                .with_context(|| format!("the solution of capture {} is damaged", capture.id))?;
+            (Ok(solution), seconds)
+        }
+        Err(StoreError::NotFound { .. }) => {
+            (Err("not solved in this processing".to_owned()), Default::default())
+        }
+        Err(error) => return Err(error.into()),
+    };
+    Ok(ReportCapture {
+        id: capture.id.clone(),
+        at: Some(capture.triggered),
+        setpoints: capture.setpoints.clone(),
+        readings: capture.readings.clone(),
+        solution,
+        seconds,
+    })
+}
+
+impl Loaded {
+    /// The methods of the processing.
+    pub fn methods(&self) -> Vec<Method> {
+        let solutions = self.captures.iter().filter_map(|c| c.solution.as_ref().ok());
+        let used: Vec<Method> =
+            solutions.flat_map(|s: &CaptureSolution| s.results.iter().map(|r| r.method)).collect();
+        Method::ALL.into_iter().filter(|m| used.contains(m)).collect()
+    }
+
+    /// The plan's analysis.
+    pub fn translation(&self) -> Option<TranslationResult> {
+        let Analyse::Translation { pass, axis_key, .. } = self.plan.analyse.as_ref()?;
+        let captures = self.captures.iter().map(|c| travel_capture(c, pass, axis_key)).collect();
+        Some(translation(&TranslationInput {
+            captures,
+            scale_relative_u: self.setup.artefact.scale_relative_u,
+            stated_scale: StatedScale::Included,
+            rule: DistanceRule::AlongTravel,
+            limits: self.limits(),
+        }))
+    }
+
+    fn limits(&self) -> Limits {
+        let accept = &self.plan.accept;
+        let max_abs_difference = accept
+            .limits
+            .iter()
+            .filter_map(|(method, limits)| {
+                Some((method_of(*method), limits.max_abs_mean_difference?))
+            })
+            .collect();
+        Limits {
+            max_abs_difference,
+            min_solved_fraction: accept.min_solved_fraction,
+            decision: Decision::Simple,
+        }
+    }
+
+    /// How the session ended; one that never closed ended by an error.
+    pub fn outcome(&self) -> SessionOutcome {
+        self.session.outcome.unwrap_or(SessionOutcome::Error)
+    }
+
+    /// The verdict on the session with its analysis.
+    pub fn verdict(&self, result: Option<&TranslationResult>) -> Verdict {
+        let analysis = result.map_or(Verdict::Inconclusive, |r| r.verdict);
+        Verdict::of_session(self.outcome(), analysis)
+    }
+}
+
+/// A plan's method as the solver's.
+pub fn method_of(method: beampose_plan::Method) -> Method {
+    match method {
+        beampose_plan::Method::InterBeamAngles => Method::InterBeamAngles,
+        beampose_plan::Method::VirtualCamera => Method::VirtualCamera,
+    }
+}
+
+fn travel_capture(capture: &ReportCapture, pass: &str, axis_key: &str) -> TravelCapture {
+    let setpoint = capture.setpoints.get(axis_key).copied().unwrap_or_default();
+    let readback = capture.readings.get(axis_key).copied().unwrap_or(setpoint);
+    let turn = capture.setpoints.get(pass).copied().unwrap_or(1.0);
+    let poses = match &capture.solution {
+        Ok(solution) => solution.results.iter().map(|r| (r.method, r.pose.clone())).collect(),
+        Err(reason) => Method::ALL.map(|m| (m, Err(reason.clone()))).into(),
+    };
+    TravelCapture {
+        id: capture.id.clone(),
+        // Loop counters are small whole numbers.
+        pass: turn as u32,
+        setpoint: Millimetre(setpoint),
+        readback: Millimetre(readback),
+        poses,
+    }
+}
+
+/// The report's input, decoded pictures of one capture included.
+///
+/// # Errors
+/// When the store fails.
+pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput> {
+    let id = loaded.session.header.id;
+    let result = loaded.translation();
+    let reasons = result.as_ref().map(|r| r.reasons.clone()).unwrap_or_default();
+    let frames_px = loaded
+        .setup
+        .cameras
+        .iter()
+        .map(|(name, c)| (name.clone(), [c.model.width, c.model.height]))
+        .collect();
+    Ok(ReportInput {
+        title: loaded.session.header.title.clone(),
+        experiment: loaded.session.header.experiment.clone(),
+        verdict: loaded.verdict(result.as_ref()),
+        reasons,
+        methods: loaded.methods(),
+        captures: loaded.captures.clone(),
+        translation: result,
+        scores: BTreeMap::new(),
+        pictures: pictures(store, loaded).await?,
+        frames_px,
+        environment: environment(store, id).await?,
+        provenance: provenance(store, loaded).await?,
+        notes: Vec::new(),
+    })
+}
+
+/// The pictures of the capture in the middle of those that were solved.
+async fn pictures(store: &Store, loaded: &Loaded) -> anyhow::Result<Vec<ReportPicture>> {
+    let solved: Vec<&StoredCapture> = loaded
+        .stored
+        .iter()
+        .zip(&loaded.captures)
+        .filter(|(_, c)| c.solution.as_ref().is_ok_and(|s| !s.cameras.is_empty()))
+        .map(|(stored, _)| stored)
+        .collect();
+    let Some(capture) = solved.get(solved.len() / 2).or(loaded.stored.first().as_ref()).copied()
+    else {
+        return Ok(Vec::new());
+    };
+    let mut pictures = Vec::new();
+    for picture in &capture.pictures {
+        let bytes =
+            store.picture(loaded.session.header.id, &capture.id, &picture.camera).await;
+        // A damaged picture is not shown; that it is damaged, `sessions --verify` says.
+        if let Some(image) = bytes.ok().and_then(|bytes| decode(&bytes).ok()) {
+            pictures.push(ReportPicture {
+                capture: capture.id.clone(),
+                camera: picture.camera.as_str().to_owned(),
+                image,
+            });
+        }
+    }
+    Ok(pictures)
+}
+
+async fn environment(store: &Store, id: SessionId) -> anyhow::Result<Vec<Trace>> {
+    let mut traces: BTreeMap<(InstrumentName, Quantity), Trace> = BTreeMap::new();
+    for row in store.readings(id).await? {
+        let quantity = row.reading.quantity;
+        if !matches!(quantity, Quantity::Wavelength | Quantity::Temperature | Quantity::Current) {
+            continue;
+        }
+        traces
+            .entry((row.instrument.clone(), quantity))
+            .or_insert_with(|| Trace {
+                instrument: row.instrument.clone(),
+                quantity,
+                readings: Vec::new(),
+            })
+            .readings
+            .push(row.reading);
+    }
+    Ok(traces.into_values().collect())
+}
+
+async fn provenance(store: &Store, loaded: &Loaded) -> anyhow::Result<Provenance> {
+    let header = &loaded.session.header;
+    let start = &loaded.processing.start;
+    let options: serde_json::Value = serde_json::from_str(&start.options_json)?;
+    let options = options
+        .as_object()
+        .map(|o| o.iter().map(|(k, v)| (k.clone(), plain(v))).collect())
+        .unwrap_or_default();
+    let lineage: serde_json::Value = serde_json::from_str(&start.lineage_json)?;
+    let mut hashes: BTreeMap<String, String> = lineage
+        .as_object()
+        .map(|o| o.iter().map(|(k, v)| (k.clone(), plain(v))).collect())
+        .unwrap_or_default();
+    hashes.insert("plan (expanded steps)".to_owned(), header.plan_hash.clone());
+    Ok(Provenance {
+        session: header.id,
+        outcome: loaded.outcome(),
+        opened: header.opened,
+        closed: loaded.session.closed,
+        processing: loaded.processing.id.to_string(),
+        acquired_with: header.software.clone(),
+        processed_with: start.software.clone(),
+        options,
+        hashes,
+        seed: header.seed,
+        instruments: instruments(store, header.id).await?,
+        plan_text: header.plan_text.clone(),
+        rig_text: header.rig_text.clone(),
+    })
+}
+
+fn plain(value: &serde_json::Value) -> String {
+    match value {
+        serde_json::Value::String(text) => text.clone(),
+        serde_json::Value::Array(items) => items.iter().map(plain).collect::<Vec<_>>().join(", "),
+        other => other.to_string(),
+    }
+}
+
+/// What the instruments said of themselves: the journal has it as `name: model, serial ...`.
+async fn instruments(
+    store: &Store,
+    id: SessionId,
+) -> anyhow::Result<BTreeMap<InstrumentName, Identity>> {
+    let said = store.events(id).await?;
+    Ok(said
+        .iter()
+        .filter(|e| e.event.kind == EventKind::Identified)
+        .filter_map(|e| {
+            let (name, model) = e.event.message.split_once(": ")?;
+            let (model, simulated) = match model.strip_suffix(", simulated") {
+                Some(model) => (model, true),
+                None => (model, false),
+            };
+            let (model, serial) = match model.split_once(", serial ") {
+                Some((model, serial)) => (model, Some(serial.to_owned())),
+                None => (model, None),
+            };
+            let identity = Identity { model: model.to_owned(), serial, simulated };
+            Some((InstrumentName::from(name), identity))
+        })
+        .collect())
+}
+
+/// Where a report was written.
+pub struct Written {
+    /// The page.
+    pub html: PathBuf,
+    /// The result as JSON, as `report --json` prints it.
+    pub json: serde_json::Value,
+}
+
+/// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` into
+/// `folder`.
+///
+/// # Errors
+/// Which file cannot be written.
+pub fn write(input: &ReportInput, folder: &Path) -> anyhow::Result<Written> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("the folder {} cannot be made", folder.display()))?;
+    let put = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text)
+            .with_context(|| format!("{} cannot be written", path.display()))
+            .map(|()| path)
+    };
+    let json = beampose_analysis::json(input)?;
+    let html = put("report.html", &beampose_analysis::html(input))?;
+    put("report.json", &serde_json::to_string_pretty(&json)?)?;
+    put("poses.csv", &beampose_analysis::poses_csv(&input.captures))?;
+    if let Some(result) = &input.translation {
+        put("positions.csv", &beampose_analysis::positions_csv(result))?;
+    }
+    Ok(Written { html, json })
+}

@@ -1,0 +1,33 @@
+//! What the command line may change of a rig.
+
+use beampose_plan::Rig;
+
+/// Changes to a simulated rig.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct Overrides {
+    /// Another seed for a simulated rig: another world, other noise
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Smaller pictures from simulated cameras: 0.5 halves width and height
+    #[arg(long, value_name = "FACTOR", value_parser = picture_scale)]
+    pub picture_scale: Option<f64>,
+}
+
+fn picture_scale(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(scale) if scale >= 0.1 && scale <= 1.0 => Ok(scale),
+        _ => Err("expected a number from 0.1 to 1".to_owned()),
+    }
+}
+
+impl Overrides {
+    /// The rig with the changes made.
+    #[must_use]
+    pub fn apply(&self, mut rig: Rig) -> Rig {
+        if let Some(simulation) = &mut rig.simulation {
+            simulation.seed = self.seed.unwrap_or(simulation.seed);
+            simulation.picture.scale = self.picture_scale.unwrap_or(simulation.picture.scale);
+        }
+        rig
+    }
+}

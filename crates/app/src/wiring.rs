@@ -1,0 +1,338 @@
+//! From a rig to instruments: the only place that knows concrete drivers.
+//!
+//! To add a driver's kind: an arm in `bench`. Real drivers come from the registry of
+//! `beampose_drivers`; simulated ones share one [`World`].
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use beampose_core::clock::BoxFuture;
+use beampose_core::{Clock, InstrumentName, VirtualClock};
+use beampose_engine::{Bench, RealClock};
+use beampose_photogrammetry::Setup;
+use beampose_plan::rig::{self, Simulation};
+use beampose_plan::{ClockKind, Instrument, Rig};
+use beampose_virtual_lab::config::{
+    BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, Polarity, RailConfig,
+    RoomConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole, ThermometerConfig,
+    WallConfig, WavemeterConfig,
+};
+use beampose_virtual_lab::{
+    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedThermometer,
+    SimulatedWavemeter, World, WorldConfig,
+};
+
+/// The clock of a run.
+#[derive(Clone)]
+pub enum LabClock {
+    /// Of the laboratory.
+    Real(Arc<RealClock>),
+    /// Of the simulation: waiting takes no time.
+    Virtual(VirtualClock),
+}
+
+impl LabClock {
+    fn of(kind: ClockKind) -> Self {
+        match kind {
+            ClockKind::Real => Self::Real(Arc::new(RealClock::start())),
+            ClockKind::Virtual => {
+                Self::Virtual(VirtualClock::starting_at(jiff::Timestamp::now()))
+            }
+        }
+    }
+
+    /// As what instruments and engine see.
+    pub fn shared(&self) -> Arc<dyn Clock> {
+        match self {
+            Self::Real(clock) => clock.clone(),
+            Self::Virtual(clock) => Arc::new(clock.clone()),
+        }
+    }
+
+    /// Runs a future on this clock.
+    pub async fn drive<'a, T: Send + 'a>(&self, future: BoxFuture<'a, T>) -> T {
+        match self {
+            Self::Real(_) => future.await,
+            Self::Virtual(clock) => clock.drive(future).await,
+        }
+    }
+}
+
+/// A rig as instruments.
+pub struct Laboratory {
+    /// The instruments.
+    pub bench: Bench,
+    /// Their clock.
+    pub clock: LabClock,
+    /// The simulated world, if anything is simulated.
+    pub world: Option<Arc<World>>,
+    /// What solving is told: calibrations at the size that pictures have.
+    pub setup: Setup,
+}
+
+/// Builds the instruments of `rig`. `setup` holds the calibrations at full picture size.
+///
+/// # Errors
+/// Which instrument cannot be built and why, for people.
+pub fn laboratory(rig: &Rig, setup: Setup) -> Result<Laboratory, String> {
+    let unknown = rig.unknown_drivers(beampose_drivers::known);
+    if !unknown.is_empty() {
+        return Err(unknown.to_string());
+    }
+    let clock = LabClock::of(rig.clock);
+    let world = match &rig.simulation {
+        Some(simulation) => {
+            let config = world_config(rig, simulation, &setup)?;
+            let world = World::new(config, simulation.seed)
+                .map_err(|error| format!("{}: simulation: {error}", rig.source.name()))?;
+            Some(Arc::new(world))
+        }
+        None => None,
+    };
+    let setup = match &world {
+        Some(world) => Setup { cameras: world.calibrations(), ..setup },
+        None => setup,
+    };
+    let bench = bench(rig, world.as_ref(), &clock.shared())?;
+    Ok(Laboratory { bench, clock, world, setup })
+}
+
+fn bench(
+    rig: &Rig,
+    world: Option<&Arc<World>>,
+    clock: &Arc<dyn Clock>,
+) -> Result<Bench, String> {
+    let mut bench = Bench::default();
+    for (name, instrument) in &rig.instruments {
+        if !instrument.is_simulated() {
+            return Err(format!("{name}: there is no driver {:?}", instrument.driver().value));
+        }
+        let world = world
+            .ok_or_else(|| format!("{name} is simulated, but the rig has no `simulation`"))?;
+        add_simulated(&mut bench, name, instrument, world, clock)
+            .map_err(|error| format!("{name}: {error}"))?;
+    }
+    Ok(bench)
+}
+
+fn add_simulated(
+    bench: &mut Bench,
+    name: &InstrumentName,
+    instrument: &Instrument,
+    world: &Arc<World>,
+    clock: &Arc<dyn Clock>,
+) -> Result<(), String> {
+    use beampose_core::Quantity;
+    let (world, clock, name) = (world.clone(), clock.clone(), name.clone());
+    let in_words = |error: beampose_virtual_lab::WorldError| error.to_string();
+    match instrument {
+        Instrument::LinearAxis(_) => {
+            let rail = SimulatedRail::new(world, clock).map_err(in_words)?;
+            bench.axes.insert(name, Arc::new(rail));
+        }
+        Instrument::RotaryAxis(_) => {
+            return Err("no simulated rotary axis is wired yet: take it out of the rig".to_owned());
+        }
+        Instrument::Laser(_) => {
+            bench.lasers.insert(name, Arc::new(SimulatedLaser::new(world, clock)));
+        }
+        Instrument::Sensor(sensor) => match sensor.reads {
+            Quantity::Wavelength => {
+                bench.sensors.insert(name, Arc::new(SimulatedWavemeter::new(world, clock)));
+            }
+            Quantity::Temperature => {
+                bench.sensors.insert(name, Arc::new(SimulatedThermometer::new(world, clock)));
+            }
+            other => return Err(format!("the simulated world has no {} to read", other.name())),
+        },
+        Instrument::Camera(_) => {
+            let camera = SimulatedCamera::new(world, clock, name.as_str()).map_err(in_words)?;
+            bench.cameras.insert(name, Arc::new(camera));
+        }
+    }
+    Ok(())
+}
+
+/// The world that the rig declares. Only what is declared goes in: true values are the world's own.
+fn world_config(
+    rig: &Rig,
+    simulation: &Simulation,
+    setup: &Setup,
+) -> Result<WorldConfig, String> {
+    let module = &simulation.module;
+    Ok(WorldConfig {
+        errors: if simulation.draw_errors { ErrorDraw::Drawn } else { ErrorDraw::Nominal },
+        picture_scale: simulation.picture.scale,
+        module: ModuleConfig {
+            position_mm: module.origin.map(|x| x.0),
+            rotation_omega_phi_kappa_deg: module.rotation_omega_phi_kappa.map(|a| a.0),
+        },
+        rail: rail(rig, simulation),
+        rotation: None,
+        pattern: setup.pattern.clone(),
+        beam: beam(simulation),
+        diode: diode(rig, simulation),
+        room: RoomConfig {
+            temperature_degc: simulation.laser.ambient.0,
+            drift_degc_per_hour: simulation.laser.room.drift_per_hour.0,
+        },
+        wavemeter: WavemeterConfig {
+            noise_nm: NOISE_PART * setup.wavelength_u_nm,
+            bias_u_nm: (1.0 - NOISE_PART * NOISE_PART).sqrt() * setup.wavelength_u_nm,
+        },
+        thermometer: ThermometerConfig { noise_degc: thermometer_u(rig) },
+        walls: simulation
+            .walls
+            .iter()
+            .map(|wall| WallConfig {
+                point_mm: wall.value.point.map(|x| x.0),
+                normal: wall.value.normal.value,
+                half_size_mm: None,
+            })
+            .collect(),
+        targets: targets(simulation, setup),
+        artefact_scale_relative_u: setup.artefact.scale_relative_u,
+        cameras: cameras(rig, simulation, setup)?,
+        picture: picture(simulation),
+    })
+}
+
+/// Which part of a wavelength meter's declared uncertainty is noise; the rest is a bias that all
+/// readings of a session share.
+const NOISE_PART: f64 = 0.3;
+
+fn thermometer_u(rig: &Rig) -> f64 {
+    rig.sensors()
+        .filter(|(_, s)| s.reads == beampose_core::Quantity::Temperature)
+        .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
+        .unwrap_or_default()
+}
+
+fn rail(rig: &Rig, simulation: &Simulation) -> Option<RailConfig> {
+    let module = &simulation.module;
+    let Some(Instrument::LinearAxis(axis)) = rig.instruments.get(&module.axis.value) else {
+        return None;
+    };
+    let straightness = module.straightness.amplitude.0;
+    Some(RailConfig {
+        stage: StageConfig {
+            limits: [axis.travel.value.from.0, axis.travel.value.to.0],
+            start: axis.travel.value.from.0.max(0.0),
+            speed_per_s: axis.speed.0,
+            settle_s: axis.settle.0,
+            positioning_sigma: 0.002,
+            resolution: 0.001,
+            noise: 0.001,
+        },
+        direction: module.direction.value,
+        scale_error_relative: module.scale_relative,
+        straightness_mm: [straightness; 2],
+        // A carriage that leaves its line by a few micrometres also nods by a few seconds of arc.
+        tilt_arcsec: [10.0 * straightness / 0.01, 10.0 * straightness / 0.01],
+        period_mm: module.straightness.period.0,
+    })
+}
+
+fn beam(simulation: &Simulation) -> BeamConfig {
+    BeamConfig {
+        diameter_mm: simulation.laser.beam.diameter.0,
+        divergence_mrad: simulation.laser.beam.divergence.radians() * 1e3,
+        peak_grey: simulation.picture.dot_amplitude * FULL_SCALE,
+        peak_distance_mm: 900.0,
+    }
+}
+
+fn diode(rig: &Rig, simulation: &Simulation) -> DiodeConfig {
+    let laser = &simulation.laser;
+    let emission_delay_s = rig.lasers().map(|(_, l)| l.emission_delay.0).fold(0.0, f64::max);
+    DiodeConfig {
+        wavelength_nm: laser.wavelength_at.value.0,
+        reference_degc: laser.wavelength_at.temperature.0,
+        tuning_nm_per_degc: laser.per_degree.0,
+        self_heating_degc: laser.warm_up.rise.0,
+        time_constant_s: laser.warm_up.time_constant.0,
+        emission_delay_s,
+    }
+}
+
+/// Grey levels at full scale.
+const FULL_SCALE: f64 = 255.0;
+
+fn picture(simulation: &Simulation) -> PictureConfig {
+    let p = &simulation.picture;
+    let wall = p.background * FULL_SCALE;
+    let half = p.target_contrast * FULL_SCALE / 2.0;
+    // Labels are printed about the wall's own grey as far as black allows.
+    let middle = wall.max(half + 0.02 * FULL_SCALE);
+    PictureConfig {
+        background_grey: wall,
+        gradient_relative: [p.gradient, p.gradient / 2.0],
+        vignetting_relative: p.gradient,
+        white_grey: middle + half,
+        black_grey: middle - half,
+        speckle: SpeckleConfig { contrast: p.speckle.contrast, grain_px: p.speckle.grain.0 },
+        photon_noise_grey: FULL_SCALE / p.full_well_electrons,
+        read_noise_grey: p.read_noise * FULL_SCALE,
+        jpeg_quality: u8::try_from(p.jpeg_quality).unwrap_or(100),
+        ..PictureConfig::default()
+    }
+}
+
+fn targets(simulation: &Simulation, setup: &Setup) -> Vec<TargetConfig> {
+    let normal = |place: [beampose_core::units::Millimetre; 3]| {
+        simulation.nearest_wall(place).map_or([0.0, 0.0, 1.0], |wall| wall.normal.value)
+    };
+    let placed = |code: u16, xyz_mm: [f64; 3], radius_mm: f64, role: TargetRole| TargetConfig {
+        code,
+        xyz_mm,
+        normal: normal(xyz_mm.map(beampose_core::units::Millimetre)),
+        // Nobody sticks targets on a wall all the same way up.
+        turn_deg: f64::from(code % 12) * 31.0,
+        radius_mm,
+        polarity: Polarity::DarkOnLight,
+        role,
+    };
+    let artefact = setup
+        .artefact
+        .targets
+        .iter()
+        .map(|t| placed(t.code, t.xyz_mm, t.radius_mm, TargetRole::Artefact { u_mm: t.u_mm }));
+    let tie_radius = setup.tie_targets.map_or(6.0, |t| t.radius_mm);
+    let ties = simulation.tie_targets.iter().flatten().map(|t| {
+        placed(t.value.code.value, t.value.position.map(|x| x.0), tie_radius, TargetRole::Tie)
+    });
+    artefact.chain(ties).collect()
+}
+
+fn cameras(
+    rig: &Rig,
+    simulation: &Simulation,
+    setup: &Setup,
+) -> Result<BTreeMap<String, CameraConfig>, String> {
+    let mut cameras = BTreeMap::new();
+    for (index, (name, camera)) in rig.cameras().enumerate() {
+        let name = name.as_str();
+        let (Some(placed), Some(calibration)) =
+            (simulation.cameras.get(name), setup.cameras.get(name))
+        else {
+            return Err(format!("{name}: the simulation does not say where this camera stands"));
+        };
+        let camera = CameraConfig {
+            calibration: *calibration,
+            position_mm: placed.value.position.map(|x| x.0),
+            look_at_mm: placed.value.look_at.value.map(|x| x.0),
+            roll_deg: placed.value.roll.0,
+            // Cameras of one make do not answer in the same millisecond.
+            trigger_delay_s: 0.012 + 0.008 * index as f64,
+            exposure_s: camera.exposure.map_or(0.1, |s| s.0),
+            readout_s: camera.delivery.map_or(1.0, |s| s.0),
+        };
+        cameras.insert(name.to_owned(), camera);
+    }
+    Ok(cameras)
+}
+
+/// The seed of a simulated rig.
+pub fn seed(rig: &Rig) -> Option<u64> {
+    rig.simulation.as_ref().map(|s: &rig::Simulation| s.seed)
+}

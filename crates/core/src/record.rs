@@ -1,0 +1,259 @@
+//! What a run acquires, and the trait of whoever keeps it.
+
+use std::fmt;
+
+use async_trait::async_trait;
+use serde::{Deserialize, Serialize};
+
+use crate::clock::Stamp;
+use crate::ids::{CaptureId, InstrumentName, SessionId, StepNumber};
+
+/// A physical quantity with its unit: what a number in a reading means.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// A position along an axis, millimetres.
+    Position,
+    /// An angle about an axis, degrees.
+    Angle,
+    /// Wavelength in vacuum, nanometres.
+    Wavelength,
+    /// Temperature, degrees Celsius.
+    Temperature,
+    /// Current, milliamperes.
+    Current,
+}
+
+impl Quantity {
+    /// The unit as a key's suffix, as in `rail_mm`.
+    #[must_use]
+    pub const fn suffix(self) -> &'static str {
+        match self {
+            Self::Position => "mm",
+            Self::Angle => "deg",
+            Self::Wavelength => "nm",
+            Self::Temperature => "degc",
+            Self::Current => "ma",
+        }
+    }
+
+    /// The quantity's name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Position => "position",
+            Self::Angle => "angle",
+            Self::Wavelength => "wavelength",
+            Self::Temperature => "temperature",
+            Self::Current => "current",
+        }
+    }
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}_{}", self.name(), self.suffix())
+    }
+}
+
+/// One number read from an instrument, in the unit of its quantity.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// Which quantity, hence which unit.
+    pub quantity: Quantity,
+    /// The number.
+    pub value: f64,
+    /// Its standard uncertainty, where the rig declares one.
+    pub standard_uncertainty: Option<f64>,
+    /// When it was read.
+    pub at: Stamp,
+}
+
+/// One camera's picture within a capture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// The camera's name in the rig.
+    pub camera: InstrumentName,
+    /// The camera's own bytes.
+    pub bytes: Vec<u8>,
+    /// When its trigger was sent.
+    pub requested: Stamp,
+    /// When it was here.
+    pub delivered: Stamp,
+}
+
+/// One trigger of all cameras.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureRecord {
+    /// Its name within the session.
+    pub id: CaptureId,
+    /// Where every axis was told to be, keyed as `rail_mm`; also loop counters such as `pass`.
+    pub setpoints: std::collections::BTreeMap<String, f64>,
+    /// What the axes and sensors read nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
+    pub readings: std::collections::BTreeMap<String, f64>,
+    /// The pictures, in the order of the cameras' names.
+    pub pictures: Vec<Picture>,
+}
+
+/// How a step ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "outcome", rename_all = "snake_case")]
+pub enum StepOutcome {
+    /// As planned.
+    Done,
+    /// It failed; the reason says with which instrument and why.
+    Failed {
+        /// Why.
+        reason: String,
+    },
+    /// It was not run, because the run ended before it.
+    Skipped,
+}
+
+/// Everything that one step acquired and how it ended: one durable transaction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepRecord {
+    /// The step's place in the plan.
+    pub number: StepNumber,
+    /// What it does, for people: `pass 2, rail 300 mm: capture`.
+    pub label: String,
+    /// Its kind: `move`, `capture`.
+    pub kind: String,
+    /// When it began.
+    pub started: Stamp,
+    /// When it ended.
+    pub finished: Stamp,
+    /// How it ended.
+    pub outcome: StepOutcome,
+    /// Readings taken, each with the instrument that gave it.
+    pub readings: Vec<(InstrumentName, Reading)>,
+    /// The capture taken, if it is a capture step.
+    pub capture: Option<CaptureRecord>,
+    /// What else happened: laser switched, axis moved.
+    pub events: Vec<Event>,
+}
+
+/// Something that happened, for the journal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// When.
+    pub at: Stamp,
+    /// What.
+    pub kind: EventKind,
+    /// In words, for people.
+    pub message: String,
+}
+
+/// The kinds of events. Closed: whoever handles events handles them all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// The session began.
+    Opened,
+    /// An instrument was asked who it is.
+    Identified,
+    /// The laser was switched on.
+    LaserOn,
+    /// The laser was switched off, and read back as off.
+    LaserOff,
+    /// Nobody knows whether the laser is on: assume it is.
+    LaserUnknown,
+    /// An axis moved.
+    Moved,
+    /// The operator or a signal asked to stop.
+    AbortRequested,
+    /// A step failed.
+    StepFailed,
+    /// The session ended.
+    Closed,
+}
+
+/// How a session ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SessionOutcome {
+    /// All steps done.
+    Completed,
+    /// Stopped by the operator or a signal.
+    Aborted,
+    /// Ended by an error.
+    Error,
+}
+
+impl SessionOutcome {
+    /// The word in the store and in reports.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Aborted => "aborted",
+            Self::Error => "error",
+        }
+    }
+}
+
+/// What is known of a session before its first step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionHeader {
+    /// Its id.
+    pub id: SessionId,
+    /// The plan's title.
+    pub title: String,
+    /// The experiment's kind, as in `translation`.
+    pub experiment: String,
+    /// The plan's text as run.
+    pub plan_text: String,
+    /// The rig's text as run.
+    pub rig_text: String,
+    /// Everything that solving needs beside pictures, self-contained, as JSON: camera
+    /// calibrations, pattern, artefact, prior, methods. `app` writes and reads it.
+    pub measurement_json: String,
+    /// BLAKE3 over the expanded steps, in hexadecimal.
+    pub plan_hash: String,
+    /// The program's version.
+    pub software: String,
+    /// The simulation's seed, if simulated.
+    pub seed: Option<u64>,
+    /// Number of steps, `finally` included.
+    pub steps: u32,
+    /// When it began.
+    pub opened: Stamp,
+}
+
+/// Why what was acquired could not be kept.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("failed to store {what}: {reason}")]
+pub struct SinkError {
+    /// What was to be stored.
+    pub what: String,
+    /// Why it was not.
+    pub reason: String,
+}
+
+/// Whoever keeps what a run acquires. The engine goes on only when a step is kept.
+#[async_trait]
+pub trait RunSink: Send + Sync {
+    /// A session begins.
+    ///
+    /// # Errors
+    /// [`SinkError`] when it is not durable.
+    async fn open(&self, header: &SessionHeader) -> Result<(), SinkError>;
+    /// A step ended: all it acquired and the fact that it ended, durable when this returns.
+    ///
+    /// # Errors
+    /// [`SinkError`] when it is not durable.
+    async fn step(&self, session: SessionId, record: &StepRecord) -> Result<(), SinkError>;
+    /// A session ends.
+    ///
+    /// # Errors
+    /// [`SinkError`] when it is not durable.
+    async fn close(
+        &self,
+        session: SessionId,
+        outcome: SessionOutcome,
+        events: &[Event],
+        at: Stamp,
+    ) -> Result<(), SinkError>;
+}

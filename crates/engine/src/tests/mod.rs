@@ -1,0 +1,7 @@
+//! Runs on tiny fake instruments, in virtual time.
+
+mod acquiring;
+mod ending;
+mod fakes;
+mod lasers;
+mod onlookers;

@@ -1,0 +1,95 @@
+//! The streaming pass: runs of pixels above the local background, row by row.
+//!
+//! Blocks of a row are compared as a whole, which the compiler does 16 pixels at a time; only
+//! where one exceeds its threshold are pixels looked at.
+
+use super::DotOptions;
+use crate::detect::background::Background;
+use super::components::{Candidate, Collector, Run};
+use crate::image::GrayImage;
+
+/// Pixels of a row that share a threshold and are compared at once.
+const BLOCK: usize = 32;
+/// Rows that share thresholds.
+const BAND: usize = 16;
+
+/// What the pass found.
+pub(super) struct Scanned {
+    /// Places that may be dots, the strongest first.
+    pub(super) candidates: Vec<Candidate>,
+    /// Standard deviation of the background, grey levels, at least that of rounding.
+    pub(super) noise: f64,
+}
+
+/// Level and threshold of one block.
+#[derive(Clone, Copy)]
+struct Level {
+    background: f64,
+    /// A pixel above this is of interest.
+    threshold: u8,
+}
+
+/// Passes over a picture.
+pub(super) fn scan(image: &GrayImage, options: &DotOptions) -> Scanned {
+    let background = Background::measure(image);
+    let mut collector = Collector::new(12.0 * options.max_sigma);
+    let mut levels = Vec::new();
+    for y in 0..image.height {
+        if y % BAND == 0 {
+            levels = block_levels(image, &background, y, options);
+        }
+        collector.begin_row(y);
+        scan_row(image.row(y), &levels, &mut collector);
+    }
+    let noise = background.typical_noise.max(12f64.sqrt().recip());
+    Scanned { candidates: collector.finish(), noise }
+}
+
+fn block_levels(image: &GrayImage, background: &Background, y: usize, options: &DotOptions) -> Vec<Level> {
+    let middle = (y + BAND / 2) as f64;
+    (0..image.width.div_ceil(BLOCK))
+        .map(|block| {
+            let (level, noise) = background.at((block * BLOCK + BLOCK / 2) as f64, middle);
+            let step = (options.threshold_in_noise * noise).max(options.min_contrast);
+            // Above 250 no dot could show, but a saturated one still must.
+            let threshold = (level + step).clamp(0.0, 250.0) as u8;
+            Level { background: level, threshold }
+        })
+        .collect()
+}
+
+/// Finds the runs of a row and hands them on.
+fn scan_row(row: &[u8], levels: &[Level], collector: &mut Collector) {
+    let mut open: Option<Run> = None;
+    for (index, (pixels, level)) in row.chunks(BLOCK).zip(levels).enumerate() {
+        if !any_above(pixels, level.threshold) {
+            continue;
+        }
+        for (i, &pixel) in pixels.iter().enumerate() {
+            if pixel > level.threshold {
+                let x = index * BLOCK + i;
+                match &mut open {
+                    Some(run) if run.takes(x) => run.add(x, pixel),
+                    _ => {
+                        let step = f64::from(level.threshold) - level.background;
+                        let run = Run::new(x, pixel, level.background, step);
+                        if let Some(done) = open.replace(run) {
+                            collector.add(done);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    if let Some(run) = open {
+        collector.add(run);
+    }
+}
+
+/// Whether a block has a pixel above a threshold.
+fn any_above(pixels: &[u8], threshold: u8) -> bool {
+    match <&[u8; BLOCK]>::try_from(pixels) {
+        Ok(block) => block.iter().fold(0, |most, &pixel| most.max(pixel)) > threshold,
+        Err(_) => pixels.iter().any(|&pixel| pixel > threshold),
+    }
+}

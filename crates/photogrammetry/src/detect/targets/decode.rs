@@ -1,0 +1,139 @@
+//! The ring around a disc: 12 sectors, read through the ellipse's affine map.
+//!
+//! Every sector must be plainly dark or plainly light, evenly so, and the zone between disc and
+//! ring must be quiet; a ring that is not so is refused. Nothing is guessed or corrected.
+
+use nalgebra::Vector2;
+
+use super::candidates::sample;
+use super::edge_fit::Levels;
+use super::ellipse::Ellipse;
+use crate::image::GrayImage;
+use crate::scene::{RING_BITS, canonical_code};
+
+const SECTORS: usize = RING_BITS as usize;
+/// Directions per sector.
+const PER_SECTOR: usize = 10;
+const DIRECTIONS: usize = SECTORS * PER_SECTOR;
+/// Radii on which the ring is read, in radii of the disc; it reaches from 2 to 3.
+const RING_RADII: [f64; 3] = [2.3, 2.5, 2.7];
+/// Radii on which the quiet zone is checked; it reaches from 1 to 2.
+const QUIET_RADII: [f64; 2] = [1.4, 1.6];
+/// Part of the directions of a sector, in its middle, that are read: the rest is blurred.
+const MIDDLE: f64 = 0.6;
+
+/// A quick look with few samples: does anything stand around the disc at the ring's distance, with
+/// nothing between? Not so around laser dots and single spots.
+pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
+    let map = ellipse.map();
+    let ring = |radius: f64| -> Option<Vec<f64>> {
+        (0..2 * SECTORS)
+            .map(|i| {
+                let (sin, cos) = (std::f64::consts::PI * i as f64 / SECTORS as f64).sin_cos();
+                let at = ellipse.centre + map * Vector2::new(cos, sin) * radius;
+                sample(image, at.x, at.y)
+            })
+            .collect()
+    };
+    let (Some(disc), Some(quiet), Some(code)) = (ring(0.4), ring(1.5), ring(2.5)) else { return false };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (disc, ground) = (mean(&disc), mean(&quiet));
+    let part = |value: &f64| (value - ground) / (disc - ground);
+    quiet.iter().all(|value| part(value).abs() < 0.5)
+        && code.iter().any(|value| part(value) > 0.5)
+        && code.iter().any(|value| part(value) < 0.5)
+}
+
+/// The canonical code; `None` unless it is beyond doubt. `margin` is how far a value may be from
+/// plain ground (0) or plain disc (1).
+pub(super) fn read(image: &GrayImage, ellipse: &Ellipse, levels: &Levels, margin: f64) -> Option<u16> {
+    let reader = Reader { image, ellipse, map: ellipse.map(), levels };
+    for radius in QUIET_RADII {
+        let quiet = reader.circle(radius)?;
+        let loudest = smoothed(&quiet).into_iter().map(f64::abs).fold(0.0, f64::max);
+        if loudest > margin + 0.05 {
+            return None;
+        }
+    }
+    let circles: Option<Vec<_>> = RING_RADII.iter().map(|&radius| reader.circle(radius)).collect();
+    let circles = circles?;
+    let mean: [f64; DIRECTIONS] =
+        std::array::from_fn(|i| circles.iter().map(|circle| circle[i]).sum::<f64>() / circles.len() as f64);
+    let phase = phase(&mean)?;
+    let mut bits = 0u16;
+    for sector in 0..SECTORS {
+        bits = bits << 1 | u16::from(read_sector(&circles, phase + (sector * PER_SECTOR) as f64, margin)?);
+    }
+    let all = (1u16 << RING_BITS) - 1;
+    (bits != 0 && bits != all).then(|| canonical_code(bits))
+}
+
+struct Reader<'a> {
+    image: &'a GrayImage,
+    ellipse: &'a Ellipse,
+    map: nalgebra::Matrix2<f64>,
+    levels: &'a Levels,
+}
+
+impl Reader<'_> {
+    /// Values on a circle of the target's plane, clockwise in the picture: 0 ground, 1 disc.
+    fn circle(&self, radius: f64) -> Option<[f64; DIRECTIONS]> {
+        let mut values = [0.0; DIRECTIONS];
+        for (i, value) in values.iter_mut().enumerate() {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / DIRECTIONS as f64).sin_cos();
+            let offset = self.map * Vector2::new(cos, sin) * radius;
+            let at = self.ellipse.centre + offset;
+            let light = (1.0 + self.levels.slope.dot(&offset)).clamp(0.4, 2.5);
+            let grey = sample(self.image, at.x, at.y)? / light;
+            *value = (grey - self.levels.ground) / (self.levels.disc - self.levels.ground);
+        }
+        Some(values)
+    }
+}
+
+/// Means over five directions: half a sector, so that single noisy pixels do not speak.
+fn smoothed(values: &[f64; DIRECTIONS]) -> [f64; DIRECTIONS] {
+    std::array::from_fn(|i| {
+        (0..5).map(|k| values[(i + DIRECTIONS + k - 2) % DIRECTIONS]).sum::<f64>() / 5.0
+    })
+}
+
+/// Where the first sector begins, in directions from 0 to `PER_SECTOR`: the changes around the ring
+/// repeat every sector, so the phase of their squared steps at that period is the place of the
+/// borders.
+fn phase(mean: &[f64; DIRECTIONS]) -> Option<f64> {
+    let (mut real, mut imaginary, mut total) = (0.0f64, 0.0f64, 0.0f64);
+    for i in 0..DIRECTIONS {
+        let step = mean[(i + 1) % DIRECTIONS] - mean[i];
+        let weight = step * step;
+        // The step lies half a direction on.
+        let (sin, cos) = (std::f64::consts::TAU * (i as f64 + 0.5) / PER_SECTOR as f64).sin_cos();
+        real += weight * cos;
+        imaginary += weight * sin;
+        total += weight;
+    }
+    let clarity = real.hypot(imaginary) / total.max(1e-12);
+    let turn = imaginary.atan2(real) / std::f64::consts::TAU;
+    (total > 0.05 && clarity > 0.4).then(|| turn.rem_euclid(1.0) * PER_SECTOR as f64)
+}
+
+/// One sector's bit; `None` where it is neither plain nor even.
+fn read_sector(circles: &[[f64; DIRECTIONS]], begin: f64, margin: f64) -> Option<bool> {
+    let edge = 0.5 * (1.0 - MIDDLE) * PER_SECTOR as f64;
+    let first = (begin + edge).ceil() as usize;
+    let last = (begin + PER_SECTOR as f64 - edge).floor() as usize;
+    let (mut sum, mut squares, mut count) = (0.0f64, 0.0f64, 0.0f64);
+    for circle in circles {
+        for i in first..=last {
+            let value = circle[i % DIRECTIONS];
+            sum += value;
+            squares += value * value;
+            count += 1.0;
+        }
+    }
+    let mean = sum / count;
+    let spread = (squares / count - mean * mean).max(0.0).sqrt();
+    let bit = mean > 0.5;
+    let departure = (mean - f64::from(u8::from(bit))).abs();
+    (departure <= margin && spread <= margin).then_some(bit)
+}

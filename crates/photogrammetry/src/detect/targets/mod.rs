@@ -1,0 +1,131 @@
+//! Ring-coded targets: found by their centre disc, measured on its edge, read around it.
+//!
+//! Chords of discs are found on every few rows ([`candidates`]); an ellipse goes through points of
+//! the edge ([`ellipse`]); the blurred edge itself is then fitted to the pixels ([`edge_fit`]); the
+//! ring is read through the ellipse's affine map ([`decode`]). A code that is not clear is refused.
+//! Not corrected here: the eccentricity of circle images and lens distortion.
+
+mod candidates;
+mod decode;
+mod edge_fit;
+mod ellipse;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use super::background::typical_noise;
+use super::{ImagePoint, Target};
+use crate::image::GrayImage;
+use crate::scene::{RING_BITS, canonical_code, ring_sectors};
+use edge_fit::EdgeFit;
+use ellipse::Ellipse;
+
+/// Refused discs that are remembered, so that their next chord is not measured again.
+const REFUSED_KEPT: usize = 256;
+
+/// What counts as a target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TargetOptions {
+    /// Smallest semi-axis of the centre disc's image, pixels. Default 2.5: the ring's sectors are
+    /// then that wide, and below it they blur into one another.
+    pub min_semi_axis: f64,
+    /// Largest semi-axis, pixels. Default 48.
+    pub max_semi_axis: f64,
+    /// Largest ratio of the semi-axes. Default 2.6: a tilt of 67 degrees.
+    pub max_axis_ratio: f64,
+    /// Smallest difference between disc and ground, grey levels. Default 20.
+    pub min_contrast: f64,
+    /// How far a sector may be from plain dark or light, as a part of the contrast. Default 0.3;
+    /// half would be a guess.
+    pub code_margin: f64,
+}
+
+impl Default for TargetOptions {
+    fn default() -> Self {
+        Self {
+            min_semi_axis: 2.5,
+            max_semi_axis: 48.0,
+            max_axis_ratio: 2.6,
+            min_contrast: 20.0,
+            code_margin: 0.3,
+        }
+    }
+}
+
+/// Finds the ring-coded targets of a picture, from top to bottom.
+///
+/// The same code may come more than once, if the picture shows it more than once.
+#[must_use]
+pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
+    let noise = typical_noise(image);
+    let mut targets: Vec<Target> = Vec::new();
+    let mut refused: Vec<Ellipse> = Vec::new();
+    candidates::each_chord(image, noise, options, |chord| {
+        let place = Vector2::new(chord.x, chord.y);
+        if targets.iter().any(|target| target.covers(&place, 1.0)) {
+            return;
+        }
+        let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
+        if targets.iter().any(|target| target.covers(&ellipse.centre, 1.0))
+            || refused.iter().rev().take(REFUSED_KEPT).any(|other| other.is_near(&ellipse))
+        {
+            return;
+        }
+        match measure(image, &ellipse, options) {
+            Some(target) => targets.push(target),
+            None => refused.push(ellipse),
+        }
+    });
+    targets
+}
+
+/// Whether a code serves well: canonical, different from all its own rotations, and with at least
+/// four changes around the ring, so that no stray mark beside a disc can pass for it.
+#[must_use]
+pub fn is_usable_code(code: u16) -> bool {
+    let sectors = ring_sectors(code);
+    let count = sectors.len();
+    let changes = (0..count).filter(|&i| sectors[i] != sectors[(i + 1) % count]).count();
+    let is_symmetric = (1..count).any(|turn| (0..count).all(|i| sectors[i] == sectors[(i + turn) % count]));
+    code < 1 << RING_BITS && canonical_code(code) == code && changes >= 4 && !is_symmetric
+}
+
+/// All codes that serve well, ascending.
+#[must_use]
+pub fn usable_codes() -> Vec<u16> {
+    (0..1 << RING_BITS).filter(|&code| is_usable_code(code)).collect()
+}
+
+/// Edge and code of a traced disc.
+fn measure(image: &GrayImage, ellipse: &Ellipse, options: &TargetOptions) -> Option<Target> {
+    if !decode::may_be_target(image, ellipse) {
+        return None;
+    }
+    let EdgeFit { ellipse, levels, covariance } = edge_fit::fit(image, ellipse)?;
+    let [large, small] = ellipse.semi_axes();
+    let fits = small >= options.min_semi_axis
+        && large <= options.max_semi_axis
+        && large <= options.max_axis_ratio * small
+        && levels.contrast() >= options.min_contrast;
+    if !fits {
+        return None;
+    }
+    let code = decode::read(image, &ellipse, &levels, options.code_margin)?;
+    let point = ImagePoint { at: ellipse.centre, covariance };
+    Some(Target { code, point, semi_axes: [large, small], angle: ellipse.angle() })
+}
+
+impl Target {
+    /// Whether a place lies within so many radii of the centre disc, measured in the plane of the
+    /// target: 1 is the disc's edge, 3 the outer edge of the ring.
+    #[must_use]
+    pub fn covers(&self, at: &Vector2<f64>, radii: f64) -> bool {
+        let (sin, cos) = self.angle.sin_cos();
+        let offset = at - self.point.at;
+        let along = (offset.x * cos + offset.y * sin) / self.semi_axes[0];
+        let across = (offset.y * cos - offset.x * sin) / self.semi_axes[1];
+        along.hypot(across) < radii
+    }
+}

@@ -1,0 +1,140 @@
+use nalgebra::Vector2;
+
+use super::*;
+use crate::detect::testing::{Canvas, Normal, Print, Spot};
+
+/// Chi-square of two degrees of freedom exceeds this once in ten thousand.
+const RARE: f64 = 18.4;
+
+fn square_error(target: &Target, truth: [f64; 2]) -> f64 {
+    let error = target.point.at - Vector2::from(truth);
+    (error.transpose() * target.point.covariance.try_inverse().unwrap() * error)[0]
+}
+
+fn find(canvas: Canvas, noise: f64, seed: u64) -> Vec<Target> {
+    find_targets(&canvas.shoot(noise, &mut Normal::new(seed)), &TargetOptions::default())
+}
+
+/// One target in the middle of a picture must be found with its code, centre, axes.
+#[track_caller]
+fn check_found(print: Print, blur: f64) {
+    let size = 2 * (print.at[0].ceil() as usize) + 1;
+    let found = find(Canvas::new(size, size, print.levels[1]).prints(&[print]).blur(blur), 3.0, 7);
+    assert_eq!(found.len(), 1, "radius {} tilt {}", print.radius, print.tilt);
+    assert_eq!(found[0].code, canonical_code(print.code));
+    assert!(square_error(&found[0], print.at) < RARE);
+    // Blur shifts a curved edge inwards by blur^2 / (2 r); five times that, and noise, is room enough.
+    let small = print.radius * print.tilt.cos();
+    assert!((found[0].semi_axes[1] - small).abs() < 0.2 + 2.5 * blur * blur / small);
+    assert!((found[0].semi_axes[0] - print.radius).abs() < 0.2 + 2.5 * blur * blur / small);
+}
+
+#[test]
+fn targets_of_all_sizes_and_both_polarities_are_read() {
+    for (i, radius) in [3.5, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 30.0, 40.0].into_iter().enumerate() {
+        let at = [3.7 * radius + 4.3, 3.7 * radius + 4.1];
+        let dark = Print { turn: 0.7 * i as f64, ..Print::dark(at, 45, radius) };
+        check_found(dark, 0.7);
+        check_found(Print { levels: [180.0, 60.0], ..dark }, 0.7);
+    }
+}
+
+#[test]
+fn tilted_targets_are_read() {
+    for tilt in [20.0f64, 40.0, 50.0, 60.0] {
+        for axis in [0.0, 0.5, 1.3, 2.2, 3.0] {
+            for radius in [8.0, 20.0] {
+                let at = [3.7 * radius + 4.4, 3.7 * radius + 4.2];
+                let print = Print::dark(at, 0b0010_1101_0011, radius);
+                check_found(Print { tilt: tilt.to_radians(), tilt_axis: axis, turn: axis * 1.7, ..print }, 0.8);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_usable_code_is_read_at_any_turn() {
+    let codes = usable_codes();
+    assert!(codes.contains(&45) && !codes.contains(&0) && !codes.contains(&4095));
+    for (i, &code) in codes.iter().enumerate() {
+        check_found(Print { turn: 0.37 * i as f64, ..Print::dark([30.4, 30.2], code, 7.0) }, 0.8);
+    }
+}
+
+#[test]
+fn the_stated_covariance_of_a_centre_is_true() {
+    for (radius, tilt) in [(12.0, 0.0f64), (6.0, 45.0), (3.5, 0.0)] {
+        let mut normal = Normal::new(5);
+        let pitch = 7.6 * radius;
+        let prints: Vec<Print> = (0..100)
+            .map(|i| {
+                let place = |k: usize| (k as f64 + 0.6) * pitch;
+                let at = [place(i % 10) + normal.uniform(0.0, 1.0), place(i / 10) + normal.uniform(0.0, 1.0)];
+                let print = Print { turn: i as f64, levels: [60.0, 160.0], ..Print::dark(at, 45, radius) };
+                Print { tilt: tilt.to_radians(), tilt_axis: 0.1 * i as f64, ..print }
+            })
+            .collect();
+        let size = (10.4 * pitch) as usize;
+        let targets = find(Canvas::new(size, size, 160.0).prints(&prints).blur(0.7), 4.0, 3);
+        assert_eq!(targets.len(), 100);
+        let near = |print: &Print| targets.iter().find(|target| target.covers(&Vector2::from(print.at), 0.5)).unwrap();
+        let mean = prints.iter().map(|print| square_error(near(print), print.at)).sum::<f64>() / 100.0;
+        // The mean of 100 squares has the standard deviation 2 / sqrt(100); three of them.
+        assert!((mean - 2.0).abs() < 0.6, "radius {radius}: {mean}");
+    }
+}
+
+#[test]
+fn light_that_changes_across_a_target_does_not_move_its_centre() {
+    let print = Print::dark([60.3, 60.6], 45, 12.0);
+    let canvas = Canvas::new(121, 121, 180.0).prints(&[print]).blur(0.7);
+    let found = find(canvas.map(|x, _, level| level * (0.7 + 0.005 * x)), 2.0, 4);
+    assert_eq!(found.len(), 1);
+    assert!(square_error(&found[0], print.at) < RARE);
+}
+
+#[test]
+fn a_sector_that_is_neither_dark_nor_light_is_refused() {
+    let print = Print::dark([60.3, 60.6], 45, 12.0);
+    let other = Print { code: 45 | 0b1_0000, ..print };
+    let mut half = Canvas::new(121, 121, 180.0).prints(&[print]).values().to_vec();
+    let more = Canvas::new(121, 121, 180.0).prints(&[other]).values().to_vec();
+    half.iter_mut().zip(more).for_each(|(a, b)| *a = 0.5 * (*a + b));
+    let canvas = Canvas::new(121, 121, 0.0).map(|x, y, _| half[y as usize * 121 + x as usize]);
+    assert!(find(canvas.blur(0.7), 2.0, 4).is_empty());
+}
+
+#[test]
+fn a_ring_without_changes_is_no_code() {
+    for code in [0, 4095] {
+        let print = Print::dark([60.3, 60.6], code, 12.0);
+        assert!(find(Canvas::new(121, 121, 180.0).prints(&[print]).blur(0.7), 2.0, 4).is_empty());
+    }
+}
+
+#[test]
+fn a_laser_dot_on_a_target_never_makes_another_code() {
+    for i in 0..24 {
+        let (sin, cos) = (0.2618 * f64::from(i)).sin_cos();
+        let radius = 12.0 * (1.0 + 0.1 * f64::from(i));
+        let spot = Spot::round([60.0 + radius * cos, 60.0 + radius * sin], 150.0, 3.0);
+        let print = Print { levels: [40.0, 100.0], ..Print::dark([60.0, 60.0], 45, 12.0) };
+        let canvas = Canvas::new(121, 121, 100.0).prints(&[print]).spots(&[spot], 0.0, 1.0, &mut Normal::new(1));
+        assert!(find(canvas.blur(0.7), 3.0, 4).iter().all(|target| target.code == 45));
+    }
+}
+
+#[test]
+fn pictures_without_targets_give_none() {
+    for (width, height) in [(0, 0), (1, 1), (2, 3), (1, 90), (90, 1), (130, 110)] {
+        for level in [0.0, 128.0, 255.0] {
+            assert!(find(Canvas::new(width, height, level), 0.0, 1).is_empty());
+            assert!(find(Canvas::new(width, height, level), 25.0, 2).is_empty());
+        }
+    }
+    let spots: Vec<Spot> = (0..9)
+        .map(|i| Spot::round([30.0 + 50.0 * f64::from(i % 3), 30.0 + 50.0 * f64::from(i / 3)], 150.0, 3.0))
+        .collect();
+    let canvas = Canvas::new(160, 160, 30.0).spots(&spots, 0.4, 5.0, &mut Normal::new(2));
+    assert!(find(canvas, 4.0, 3).is_empty());
+}

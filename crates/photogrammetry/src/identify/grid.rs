@@ -1,0 +1,242 @@
+//! Grid growth: integer cells for the dots of one picture, from a seed outwards, each next dot
+//! predicted by the affine map of its labelled neighbours. Cells are right-handed in the picture
+//! (x right, y down), else arbitrary: origin and quarter turn are chosen later.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
+
+/// A cell of the grid.
+pub type Cell = (i32, i32);
+
+/// Nearest neighbours looked at for a seed: enough for a grid foreshortened three to one.
+const NEIGHBOURS: usize = 12;
+/// How far from its prediction a dot may be, in parts of the local step.
+const TOLERANCE: f64 = 0.3;
+/// Seeds tried before the largest grid is taken.
+const SEEDS: usize = 40;
+
+/// Where growth looks for the next dot. The corners let it pass a diagonal of hidden dots.
+const AROUND: [Cell; 8] = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)];
+
+/// Labels `points` (undistorted, any unit) as cells of one grid; `None` for points outside it.
+#[must_use]
+pub fn label_grid(points: &[Vector2<f64>]) -> Vec<Option<Cell>> {
+    let mut best: Vec<Option<Cell>> = vec![None; points.len()];
+    let mut best_count = 0;
+    for seed in seeds(points) {
+        let Some(basis) = basis_at(points, seed) else { continue };
+        let labels = grow(points, seed, &basis);
+        let count = labels.iter().flatten().count();
+        if count > best_count {
+            (best, best_count) = (labels, count);
+        }
+        if best_count * 10 >= points.len() * 9 {
+            break;
+        }
+    }
+    best
+}
+
+/// Points in order of their distance from the middle: there a grid is whole and even.
+fn seeds(points: &[Vector2<f64>]) -> Vec<usize> {
+    let middle = |axis: usize| {
+        let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or_default()
+    };
+    let centre = Vector2::new(middle(0), middle(1));
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&a, &b| {
+        (points[a] - centre).norm_squared().total_cmp(&(points[b] - centre).norm_squared())
+    });
+    order.truncate(SEEDS);
+    order
+}
+
+/// The two steps of the grid at a point: the shortest pair of neighbours that both have an opposite
+/// and span a cell whose far corner is there too.
+fn basis_at(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
+    let origin = points[seed];
+    let mut near: Vec<Vector2<f64>> = points
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| *i != seed)
+        .map(|(_, p)| p - origin)
+        .collect();
+    near.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
+    near.truncate(NEIGHBOURS);
+    let there = |at: Vector2<f64>, size: f64| near.iter().any(|p| (p - at).norm() < 0.25 * size);
+    for (i, a) in near.iter().enumerate() {
+        for b in &near[..i] {
+            let sine = (a.x * b.y - a.y * b.x) / (a.norm() * b.norm());
+            let size = a.norm().min(b.norm());
+            let whole = there(-a, size) && there(-b, size) && there(a + b, size);
+            if sine.abs() > 0.5 && whole {
+                let (u, v) = if sine > 0.0 { (a, b) } else { (b, a) };
+                return Some(Matrix2::from_columns(&[*u, *v]));
+            }
+        }
+    }
+    None
+}
+
+fn grow(points: &[Vector2<f64>], seed: usize, basis: &Matrix2<f64>) -> Vec<Option<Cell>> {
+    let mut labels = vec![None; points.len()];
+    let mut cells = BTreeMap::from([((0, 0), seed)]);
+    labels[seed] = Some((0, 0));
+    // A cell that could not be reached from one side may be from another: until nothing is added.
+    loop {
+        let before = cells.len();
+        sweep(points, &mut labels, &mut cells, basis);
+        if cells.len() == before {
+            return labels;
+        }
+    }
+}
+
+fn sweep(
+    points: &[Vector2<f64>],
+    labels: &mut [Option<Cell>],
+    cells: &mut BTreeMap<Cell, usize>,
+    basis: &Matrix2<f64>,
+) {
+    let mut queue: VecDeque<Cell> = cells.keys().copied().collect();
+    while let Some(cell) = queue.pop_front() {
+        for (di, dj) in AROUND {
+            let next = (cell.0 + di, cell.1 + dj);
+            if cells.contains_key(&next) {
+                continue;
+            }
+            let Some((at, step)) = predict(points, cells, cell, next, basis) else { continue };
+            let Some(found) = nearest_free(points, labels, at, TOLERANCE * step) else { continue };
+            labels[found] = Some(next);
+            cells.insert(next, found);
+            queue.push_back(next);
+        }
+    }
+}
+
+/// Where `next` should be, and the shorter of the local steps: by the affine map fitted to the
+/// labelled cells around it, else one seed step from `cell`.
+fn predict(
+    points: &[Vector2<f64>],
+    cells: &BTreeMap<Cell, usize>,
+    cell: Cell,
+    next: Cell,
+    basis: &Matrix2<f64>,
+) -> Option<(Vector2<f64>, f64)> {
+    let mut normal = Matrix3::<f64>::zeros();
+    let mut right = SMatrix::<f64, 3, 2>::zeros();
+    for di in -2..=2 {
+        for dj in -2..=2 {
+            if let Some(&i) = cells.get(&(next.0 + di, next.1 + dj)) {
+                let row = Vector3::new(f64::from(di), f64::from(dj), 1.0);
+                // Near cells count most: the map is affine only nearby.
+                let weight = f64::from(di * di + dj * dj).powi(-2);
+                normal += row * row.transpose() * weight;
+                right += row * points[i].transpose() * weight;
+            }
+        }
+    }
+    // Three cells that are not on a line determine the map; on a line the determinant is zero but
+    // for rounding.
+    if normal.determinant() > 1e-4 {
+        let map = normal.try_inverse()? * right;
+        let step = map.row(0).norm().min(map.row(1).norm());
+        return Some((map.row(2).transpose(), step));
+    }
+    let from = points[*cells.get(&cell)?];
+    let offset = Vector2::new(f64::from(next.0 - cell.0), f64::from(next.1 - cell.1));
+    let step = basis.column(0).norm().min(basis.column(1).norm());
+    Some((from + basis * offset, step))
+}
+
+fn nearest_free(
+    points: &[Vector2<f64>],
+    labels: &[Option<Cell>],
+    at: Vector2<f64>,
+    within: f64,
+) -> Option<usize> {
+    points
+        .iter()
+        .enumerate()
+        .filter(|(i, p)| labels[*i].is_none() && (*p - at).norm() <= within)
+        .min_by(|(_, a), (_, b)| (*a - at).norm_squared().total_cmp(&(*b - at).norm_squared()))
+        .map(|(i, _)| i)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An 11x11 grid in perspective, turned by `degrees`, with some dots hidden and strays added.
+    fn picture(degrees: f64, hide_every: usize, strays: usize) -> (Vec<Vector2<f64>>, Vec<Option<Cell>>) {
+        let (s, c) = degrees.to_radians().sin_cos();
+        let mut points = Vec::new();
+        let mut truth = Vec::new();
+        for j in -5..=5 {
+            for i in -5..=5 {
+                if hide_every > 0 && points.len() % hide_every == 1 {
+                    truth.push(None);
+                    points.push(Vector2::new(9e3 + f64::from(i * 37), f64::from(j * 91)));
+                    continue;
+                }
+                let (x, y) = (f64::from(i), f64::from(j));
+                let (u, v) = (c * x - s * y, s * x + c * y);
+                let w = 1.0 + 0.03 * u + 0.02 * v;
+                points.push(Vector2::new(u / w, v / w) * 80.0);
+                truth.push(Some((i, j)));
+            }
+        }
+        points.retain(|p| p.x < 5e3);
+        truth.retain(Option::is_some);
+        for k in 0..strays {
+            let k = k as f64;
+            points.push(Vector2::new((k * 97.3) % 700.0 - 350.0, (k * 41.7) % 700.0 - 350.0));
+            truth.push(None);
+        }
+        (points, truth)
+    }
+
+    /// Labels agree with the truth up to a shift and a quarter turn.
+    #[track_caller]
+    fn check(points: &[Vector2<f64>], truth: &[Option<Cell>], expect_at_least: usize) {
+        let labels = label_grid(points);
+        let best = (0..4)
+            .map(|turn| {
+                let turned = |(i, j): Cell| (0..turn).fold((i, j), |(i, j), _| (-j, i));
+                let mut shifts = BTreeMap::<Cell, usize>::new();
+                for (label, truth) in labels.iter().zip(truth) {
+                    if let (Some(l), Some(t)) = (label, truth) {
+                        let t = turned(*t);
+                        *shifts.entry((l.0 - t.0, l.1 - t.1)).or_default() += 1;
+                    }
+                }
+                shifts.values().copied().max().unwrap_or(0)
+            })
+            .max()
+            .unwrap();
+        assert!(best >= expect_at_least, "{best} of {}", points.len());
+    }
+
+    #[test]
+    fn a_whole_grid_is_labelled_at_any_angle() {
+        for degrees in (0..360).step_by(7) {
+            let (points, truth) = picture(f64::from(degrees), 0, 0);
+            check(&points, &truth, 121);
+        }
+    }
+
+    #[test]
+    fn hidden_dots_and_strays_are_survived() {
+        let (points, truth) = picture(23.0, 4, 15);
+        check(&points, &truth, 85);
+    }
+
+    #[test]
+    fn no_grid_no_labels() {
+        assert!(label_grid(&[]).is_empty());
+        assert_eq!(label_grid(&[Vector2::zeros()]), vec![None]);
+    }
+}

@@ -1,0 +1,413 @@
+//! One capture, from sightings to poses.
+
+use std::collections::BTreeMap;
+
+use beampose_core::Pose;
+use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3};
+
+use super::by_angles::{self, Dots};
+use super::orient::{Oriented, orient};
+use super::points::{Scene, build};
+use super::types::{
+    CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, Subject,
+};
+use crate::adjust::{BeamObservation, ModuleStation, Options, Summary, adjust};
+use crate::detect::{Dot, Target};
+use crate::identify::{Labelled, View, choose_turn, label_views};
+use crate::pattern::Order;
+use crate::pose::Station;
+use crate::rotation::wxyz;
+use crate::scene::Setup;
+
+/// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
+const UNREAD_WAVELENGTH: f64 = 6e-4;
+/// Residual, in pixels, beyond which a dot's label is taken to be wrong before anything is weighed.
+const FEWEST_BEAMS: usize = 6;
+
+/// What one camera saw in one capture.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Sighting {
+    /// Laser dots.
+    pub dots: Vec<Dot>,
+    /// Coded targets.
+    pub targets: Vec<Target>,
+}
+
+/// Solves one capture.
+///
+/// `sightings` are keyed by camera name; `wavelength_nm` is the reading at the capture, if there is
+/// one. Every method of `methods` has a result, be it the reason why there is no pose.
+#[must_use]
+pub fn solve_capture(
+    setup: &Setup,
+    sightings: &BTreeMap<String, Sighting>,
+    wavelength_nm: Option<f64>,
+    methods: &[Method],
+) -> CaptureSolution {
+    let (cameras, mut notes) = orient(setup, sightings);
+    let scale = fan_scale(setup, wavelength_nm);
+    let outcome = located(setup, &cameras, scale, methods);
+    match outcome {
+        Ok(mut solution) => {
+            notes.append(&mut solution.notes);
+            CaptureSolution { notes, ..solution }
+        }
+        Err(reason) => failed(setup, methods, scale.0, &notes, &reason),
+    }
+}
+
+fn failed(
+    setup: &Setup,
+    methods: &[Method],
+    scale: f64,
+    notes: &[String],
+    reason: &str,
+) -> CaptureSolution {
+    let reason = std::iter::once(reason.to_owned()).chain(notes.iter().cloned());
+    let reason = reason.collect::<Vec<_>>().join("; ");
+    let result = |method: &Method| MethodResult {
+        method: *method,
+        pose: Err(reason.clone()),
+        beams_used: 0,
+        sigma0: 0.0,
+        wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale),
+        ambiguous: false,
+    };
+    CaptureSolution {
+        cameras: BTreeMap::new(),
+        dots: Vec::new(),
+        results: methods.iter().map(result).collect(),
+        notes: notes.to_vec(),
+    }
+}
+
+/// The fan's relative scale with its standard uncertainty: wavelength and calibration together.
+fn fan_scale(setup: &Setup, wavelength_nm: Option<f64>) -> (f64, f64) {
+    let pattern = &setup.pattern;
+    let of_reading = setup.wavelength_u_nm / pattern.reference_wavelength_nm;
+    let (scale, of_wavelength) = match wavelength_nm {
+        Some(nm) => (pattern.scale_at(nm), of_reading),
+        None => (0.0, UNREAD_WAVELENGTH),
+    };
+    (scale, pattern.u.common_relative.hypot(of_wavelength))
+}
+
+fn located(
+    setup: &Setup,
+    cameras: &[Oriented<'_>],
+    scale: (f64, f64),
+    methods: &[Method],
+) -> Result<CaptureSolution, String> {
+    if cameras.len() < 2 {
+        return Err(format!("{} of {} cameras oriented", cameras.len(), setup.cameras.len()));
+    }
+    let mut labels = label(setup, cameras)?;
+    // Once with the cameras alone: dots in space, and outliers out.
+    let mut scene = build(setup, cameras, &labels, None);
+    let mut summary = adjust(&mut scene.problem, &Options::default()).map_err(in_words)?;
+    let labelled = turned(setup, &scene, &summary, scale.0)?;
+    relabel(&mut labels, &mut scene, &labelled);
+    // Outliers found once stay out of what follows.
+    let free = remove_outliers(&mut scene, &mut summary);
+    let module = labelled.fit.station;
+    let virtual_camera = methods
+        .contains(&Method::VirtualCamera)
+        .then(|| by_virtual_camera(setup, cameras, &labels, &scene, &module, scale));
+    let mut results = Vec::new();
+    for method in methods {
+        results.push(match (method, &virtual_camera) {
+            (Method::VirtualCamera, Some(Ok((result, _, _)))) => result.clone(),
+            (Method::VirtualCamera, Some(Err(reason))) => unsolved(setup, *method, scale.0, reason),
+            _ => by_inter_beam_angles(setup, &scene, &summary, scale, module.centre),
+        });
+    }
+    for result in &mut results {
+        result.ambiguous = labelled.ambiguous;
+    }
+    let (shown, shown_summary) = match virtual_camera {
+        Some(Ok((_, scene, summary))) => (scene, summary),
+        _ => (scene, summary),
+    };
+    let dots = dots_in_space(&shown, &shown_summary);
+    let mut solved = camera_solutions(cameras, &shown, &shown_summary);
+    add_outliers(&mut solved, cameras, &free, &labelled);
+    add_strays(&mut solved, cameras, &labels);
+    Ok(CaptureSolution { cameras: solved, dots, results, notes: Vec::new() })
+}
+
+fn in_words(error: crate::adjust::AdjustError) -> String {
+    format!("the adjustment failed: {error}")
+}
+
+/// Beams of all dots, up to a quarter turn.
+fn label(setup: &Setup, cameras: &[Oriented<'_>]) -> Result<Vec<Vec<Option<Order>>>, String> {
+    let views: Vec<View> = cameras
+        .iter()
+        .map(|c| {
+            let seen = c.dots.iter().zip(&c.sighting.dots);
+            let (directions, amplitudes) =
+                seen.filter_map(|(n, d)| Some(((*n)?, d.amplitude))).unzip();
+            View { station: c.station, directions, amplitudes }
+        })
+        .collect();
+    let labels = label_views(&views, &setup.pattern)?;
+    // Back to all dots of each camera, those without a direction included.
+    Ok(cameras
+        .iter()
+        .zip(labels)
+        .map(|(camera, labels)| {
+            let mut labels = labels.into_iter();
+            camera.dots.iter().map(|n| n.and_then(|_| labels.next().flatten())).collect()
+        })
+        .collect())
+}
+
+/// The dots of a scene that took part, with their places.
+fn dots_of(scene: &Scene, summary: &Summary) -> (Vec<usize>, Vec<Order>, Vec<Vector3<f64>>) {
+    let mut found = (Vec::new(), Vec::new(), Vec::new());
+    for (point, subject) in scene.subjects.iter().enumerate() {
+        if let Subject::Dot(order) = subject
+            && summary.covariance.point_cofactor(point).is_some()
+        {
+            found.0.push(point);
+            found.1.push(*order);
+            found.2.push(scene.problem.points[point]);
+        }
+    }
+    found
+}
+
+fn turned(
+    setup: &Setup,
+    scene: &Scene,
+    summary: &Summary,
+    scale: f64,
+) -> Result<Labelled, String> {
+    let (_, orders, places) = dots_of(scene, summary);
+    if places.len() < FEWEST_BEAMS {
+        return Err(format!("{} dots found in space, {FEWEST_BEAMS} needed", places.len()));
+    }
+    choose_turn(&places, &orders, &setup.pattern, scale, setup.module_prior.as_ref())
+}
+
+fn relabel(labels: &mut [Vec<Option<Order>>], scene: &mut Scene, labelled: &Labelled) {
+    for label in labels.iter_mut().flatten().flatten() {
+        *label = labelled.apply(*label);
+    }
+    for subject in &mut scene.subjects {
+        if let Subject::Dot(order) = subject {
+            *order = labelled.apply(*order);
+        }
+    }
+}
+
+/// An observation left out: (camera, subject, where).
+type LeftOut = (usize, Subject, Vector2<f64>);
+
+fn remove_outliers(scene: &mut Scene, summary: &mut Summary) -> Vec<LeftOut> {
+    let out: Vec<LeftOut> = summary
+        .outlier_images
+        .iter()
+        .map(|&i| &scene.problem.images[i])
+        .map(|o| (o.camera, scene.subjects[o.point], o.at))
+        .collect();
+    let mut index = 0;
+    scene.problem.images.retain(|_| {
+        index += 1;
+        summary.outlier_images.binary_search(&(index - 1)).is_err()
+    });
+    summary.outlier_images.clear();
+    out
+}
+
+fn by_inter_beam_angles(
+    setup: &Setup,
+    scene: &Scene,
+    summary: &Summary,
+    scale: (f64, f64),
+    start: Vector3<f64>,
+) -> MethodResult {
+    let method = Method::InterBeamAngles;
+    let (points, orders, places) = dots_of(scene, summary);
+    let cofactors = points.iter().filter_map(|p| summary.covariance.point_cofactor(*p)).collect();
+    let dots = Dots { orders, places, cofactors, covariance: &summary.covariance };
+    match by_angles::solve(&setup.pattern, &dots, scale, start) {
+        Ok(found) => MethodResult {
+            method,
+            pose: Ok(found.pose),
+            beams_used: dots.orders.len(),
+            sigma0: found.sigma0,
+            wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale.0),
+            ambiguous: false,
+        },
+        Err(reason) => unsolved(setup, method, scale.0, &reason),
+    }
+}
+
+fn unsolved(setup: &Setup, method: Method, scale: f64, reason: &str) -> MethodResult {
+    MethodResult {
+        method,
+        pose: Err(reason.to_owned()),
+        beams_used: 0,
+        sigma0: 0.0,
+        wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale),
+        ambiguous: false,
+    }
+}
+
+/// The module as a camera inside the adjustment (chapter 5): dots that one camera alone sees take
+/// part as well.
+fn by_virtual_camera(
+    setup: &Setup,
+    cameras: &[Oriented<'_>],
+    labels: &[Vec<Option<Order>>],
+    adjusted: &Scene,
+    module: &Station,
+    scale: (f64, f64),
+) -> Result<(MethodResult, Scene, Summary), String> {
+    let cameras: Vec<Oriented<'_>> = cameras
+        .iter()
+        .zip(&adjusted.problem.cameras)
+        .map(|(c, s)| Oriented { station: s.station, ..c.clone() })
+        .collect();
+    let tangent = |order| {
+        let d = setup.pattern.direction(order, scale.0)?;
+        Some(Vector2::new(d.x / d.z, d.y / d.z))
+    };
+    let mut scene = build(setup, &cameras, labels, Some((module, &tangent)));
+    scene.problem.modules.push(ModuleStation {
+        station: *module,
+        scale: scale.0,
+        scale_prior: scale,
+    });
+    for (camera, before) in scene.problem.cameras.iter_mut().zip(&adjusted.problem.cameras) {
+        camera.correction = before.correction;
+    }
+    scene.problem.artefact_scale = adjusted.problem.artefact_scale;
+    add_beams(setup, &mut scene);
+    let summary = adjust(&mut scene.problem, &Options::default()).map_err(in_words)?;
+    let station = &scene.problem.modules[0].station;
+    let covariance = summary.covariance.module(0).ok_or("the module's pose is not determined")?;
+    let left_out = &summary.outlier_beams;
+    let result = MethodResult {
+        method: Method::VirtualCamera,
+        pose: Ok(pose(station, &covariance)),
+        beams_used: scene.problem.beams.len() - left_out.len(),
+        sigma0: summary.sigma0(),
+        wavelength_nm: setup.pattern.reference_wavelength_nm
+            * (1.0 + scene.problem.modules[0].scale),
+        ambiguous: false,
+    };
+    Ok((result, scene, summary))
+}
+
+fn add_beams(setup: &Setup, scene: &mut Scene) {
+    let sigma = setup.pattern.u.angle_deg.to_radians();
+    for (point, subject) in scene.subjects.iter().enumerate() {
+        if let Subject::Dot(order) = subject
+            && let Some(direction) = setup.pattern.direction(*order, 0.0)
+        {
+            let cosines = direction.xy();
+            scene.problem.beams.push(BeamObservation { module: 0, point, cosines, sigma });
+        }
+    }
+}
+
+fn pose(station: &Station, covariance: &Matrix6<f64>) -> Pose {
+    let quaternion = UnitQuaternion::from_rotation_matrix(&station.rotation);
+    Pose {
+        position_mm: station.centre.into(),
+        quaternion_wxyz: wxyz(&quaternion),
+        covariance: std::array::from_fn(|r| {
+            std::array::from_fn(|c| (covariance[(r, c)] + covariance[(c, r)]) / 2.0)
+        }),
+    }
+}
+
+fn dots_in_space(scene: &Scene, summary: &Summary) -> Vec<DotInSpace> {
+    let (points, orders, places) = dots_of(scene, summary);
+    let mut dots: Vec<DotInSpace> = points
+        .iter()
+        .zip(orders.iter().zip(&places))
+        .filter_map(|(point, (order, place))| {
+            let c = summary.covariance.point(*point)?;
+            Some(DotInSpace {
+                order: *order,
+                xyz_mm: (*place).into(),
+                covariance: std::array::from_fn(|r| std::array::from_fn(|s| c[(r, s)])),
+            })
+        })
+        .collect();
+    dots.sort_by_key(|d| (d.order.n, d.order.m));
+    dots
+}
+
+fn camera_solutions(
+    cameras: &[Oriented<'_>],
+    scene: &Scene,
+    summary: &Summary,
+) -> BTreeMap<String, CameraSolution> {
+    let mut solved: BTreeMap<String, CameraSolution> = cameras
+        .iter()
+        .zip(&scene.problem.cameras)
+        .map(|(camera, adjusted)| {
+            let rotation = UnitQuaternion::from_rotation_matrix(&adjusted.station.rotation);
+            let solution = CameraSolution {
+                position_mm: adjusted.station.centre.into(),
+                quaternion_wxyz: wxyz(&rotation),
+                observations: Vec::new(),
+                strays: Vec::new(),
+            };
+            (camera.name.to_owned(), solution)
+        })
+        .collect();
+    for (i, o) in scene.problem.images.iter().enumerate() {
+        let adjusted = &scene.problem.cameras[o.camera];
+        let in_camera = adjusted.station.station_point(&scene.problem.points[o.point]);
+        let Some(computed) = adjusted.corrected().project(&in_camera) else { continue };
+        let covariance = o.information.try_inverse().unwrap_or_default();
+        if let Some(camera) = solved.get_mut(cameras[o.camera].name) {
+            camera.observations.push(Observation {
+                subject: scene.subjects[o.point],
+                at: o.at.into(),
+                covariance: std::array::from_fn(|r| std::array::from_fn(|c| covariance[(r, c)])),
+                residual: (o.at - computed).into(),
+                used: summary.outlier_images.binary_search(&i).is_err(),
+            });
+        }
+    }
+    solved
+}
+
+/// Observations that the first adjustment left out, shown as such where the second kept them out.
+fn add_outliers(
+    solved: &mut BTreeMap<String, CameraSolution>,
+    cameras: &[Oriented<'_>],
+    left_out: &[LeftOut],
+    labelled: &Labelled,
+) {
+    for (camera, subject, at) in left_out {
+        let subject = match subject {
+            Subject::Dot(order) => Subject::Dot(labelled.apply(*order)),
+            target => *target,
+        };
+        if let Some(camera) = solved.get_mut(cameras[*camera].name)
+            && !camera.observations.iter().any(|o| o.subject == subject)
+        {
+            camera.strays.push([at.x, at.y]);
+        }
+    }
+}
+
+fn add_strays(
+    solved: &mut BTreeMap<String, CameraSolution>,
+    cameras: &[Oriented<'_>],
+    labels: &[Vec<Option<Order>>],
+) {
+    for (camera, labels) in cameras.iter().zip(labels) {
+        if let Some(solution) = solved.get_mut(camera.name) {
+            let unlabelled = camera.sighting.dots.iter().zip(labels).filter(|(_, l)| l.is_none());
+            solution.strays.extend(unlabelled.map(|(d, _)| [d.point.at.x, d.point.at.y]));
+        }
+    }
+}

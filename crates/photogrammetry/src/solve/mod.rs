@@ -1,0 +1,18 @@
+//! From what was seen in the pictures of one capture to poses, with no manual step.
+//!
+//! Orient the cameras on the artefact's targets, find the tie targets in space, name the beams,
+//! adjust everything, and find the module by each method asked for. What cannot be solved says why.
+
+mod by_angles;
+mod capture;
+mod eccentricity;
+mod orient;
+mod points;
+mod types;
+
+pub use capture::{Sighting, solve_capture};
+pub use eccentricity::circle_image_offset;
+pub use types::{
+    CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, StageSeconds,
+    Subject,
+};

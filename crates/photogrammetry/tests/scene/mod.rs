@@ -1,0 +1,222 @@
+//! A laboratory as sightings: what cameras would report of a known scene, with declared noise.
+
+use std::collections::BTreeMap;
+
+use beampose_photogrammetry::detect::{Dot, DotQuality, ImagePoint, Target};
+use beampose_photogrammetry::rotation::from_omega_phi_kappa;
+use beampose_photogrammetry::solve::{Sighting, circle_image_offset};
+use beampose_photogrammetry::pose::Station;
+use beampose_photogrammetry::{
+    Artefact, ArtefactTarget, CalibratedCamera, Camera, InteriorSigma, Order, Pattern,
+    PatternModel, PatternUncertainty, Setup, TieTargets,
+};
+use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Noise of a dot's centre per axis, pixels: speckle of contrast 0.35.
+const DOT_SIGMA: f64 = 0.13;
+/// Noise of a target's centre per axis, pixels.
+const TARGET_SIGMA: f64 = 0.015;
+
+/// Where the module truly is.
+pub struct Truth {
+    pub position: Vector3<f64>,
+    pub rotation: UnitQuaternion<f64>,
+}
+
+/// A scene with its true values beside what the solver is told.
+pub struct Laboratory {
+    pub setup: Setup,
+    noise: f64,
+    cameras: BTreeMap<String, (Station, Camera)>,
+    targets: Vec<(u16, Vector3<f64>, f64)>,
+    beams: Vec<(Order, Vector2<f64>)>,
+    scale: f64,
+    wavelength_bias: f64,
+}
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
+    let centre = Vector3::from(centre);
+    let z = (Vector3::from(target) - centre).normalize();
+    let x = z.cross(&Vector3::y()).normalize();
+    let frame = Matrix3::from_columns(&[x, z.cross(&x), z]);
+    Station { centre, rotation: Rotation3::from_matrix_unchecked(frame) }
+}
+
+fn setup() -> Setup {
+    let model = Camera {
+        width: 3456, height: 2592, fx: 3529.41, fy: 3529.41, cx: 1727.5, cy: 1295.5,
+        k1: -0.08, k2: 0.03, p1: 2e-4, p2: -1e-4, k3: 0.0,
+    };
+    let sigma = InteriorSigma { focal_px: 0.94, principal_point_px: [0.82, 0.35] };
+    let camera = CalibratedCamera { model, sigma };
+    let places = [
+        (45, [100.0, 0.0, 0.0]), (51, [360.0, 0.0, 12.0]), (53, [230.0, 130.0, 0.0]),
+        (75, [100.0, 200.0, 12.0]), (77, [360.0, 200.0, 0.0]), (83, [230.0, 300.0, 12.0]),
+        (85, [100.0, 400.0, 0.0]), (89, [360.0, 400.0, 0.0]),
+    ];
+    let target = |(code, xyz_mm)| ArtefactTarget { code, xyz_mm, u_mm: 0.01, radius_mm: 6.0 };
+    Setup {
+        cameras: ["cam_a", "cam_b", "cam_c"].map(|n| (n.to_owned(), camera)).into(),
+        pattern: Pattern {
+            columns: 11,
+            rows: 11,
+            reference_wavelength_nm: 658.0,
+            model: PatternModel::RadialGrid { pitch_mm: 52.22, k1_per_mm2: 3.5e-8, distance_mm: 1000.0 },
+            u: PatternUncertainty { angle_deg: 0.0013, common_relative: 1e-4 },
+            zero_order_relative_intensity: Some(3.0),
+        },
+        artefact: Artefact { targets: places.map(target).into(), scale_relative_u: 5e-5 },
+        tie_targets: Some(TieTargets { radius_mm: 6.0 }),
+        module_prior: None,
+        wavelength_u_nm: 0.02,
+    }
+}
+
+impl Laboratory {
+    /// All as declared, without noise.
+    pub fn exact() -> Self {
+        Self::new(0, 0.0)
+    }
+
+    /// Every declared error drawn.
+    pub fn drawn(seed: u64) -> Self {
+        Self::new(seed, 1.0)
+    }
+
+    fn new(seed: u64, noise: f64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut draw = |sigma: f64| noise * sigma * normal(&mut rng);
+        let setup = setup();
+        let views = [
+            ("cam_a", [-1500.0, 700.0, 1900.0]),
+            ("cam_b", [900.0, 600.0, 1900.0]),
+            ("cam_c", [-300.0, -650.0, 2100.0]),
+        ];
+        let cameras = views
+            .map(|(name, centre)| {
+                let calibrated = setup.cameras[name];
+                let s = calibrated.sigma;
+                let focal = draw(s.focal_px);
+                let camera = Camera {
+                    fx: calibrated.model.fx + focal,
+                    fy: calibrated.model.fy + focal,
+                    cx: calibrated.model.cx + draw(s.principal_point_px[0]),
+                    cy: calibrated.model.cy + draw(s.principal_point_px[1]),
+                    ..calibrated.model
+                };
+                (name.to_owned(), (look_at(centre, [-330.0, 200.0, 0.0]), camera))
+            })
+            .into();
+        let artefact_scale = 1.0 + draw(setup.artefact.scale_relative_u);
+        let mut targets: Vec<_> = setup
+            .artefact
+            .targets
+            .iter()
+            .map(|t| {
+                let error = Vector3::from_fn(|_, _| draw(t.u_mm));
+                (t.code, Vector3::from(t.xyz_mm) * artefact_scale + error, t.radius_mm)
+            })
+            .collect();
+        let ties = [(99, -1000.0, 0.0), (101, -1000.0, 400.0), (105, -700.0, 760.0), (107, -100.0, 760.0), (113, -700.0, -360.0), (117, -100.0, -360.0)];
+        targets.extend(ties.map(|(code, x, y)| (code, Vector3::new(x, y, 0.0), 6.0)));
+        let sigma = setup.pattern.u.angle_deg.to_radians();
+        let beams = setup
+            .pattern
+            .orders()
+            .map(|order| {
+                let d = setup.pattern.direction(order, 0.0).unwrap();
+                let across = d.cross(&Vector3::y()).normalize();
+                let down = d.cross(&across);
+                let moved = (d + across * draw(sigma) + down * draw(sigma)).normalize();
+                (order, moved.xy())
+            })
+            .collect();
+        let scale = draw(setup.pattern.u.common_relative);
+        let wavelength_bias = draw(setup.wavelength_u_nm);
+        Self { setup, noise, cameras, targets, beams, scale, wavelength_bias }
+    }
+
+    /// What the wavelength meter reads.
+    pub fn read_nm(&self) -> f64 {
+        658.0 + self.wavelength_bias
+    }
+
+    /// One capture with the module `rail` mm along its way back from the wall.
+    pub fn capture(&self, seed: u64, rail: f64) -> (BTreeMap<String, Sighting>, Truth) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9e37_79b9);
+        let rotation = from_omega_phi_kappa([4.0_f64, 9.0, 1.5].map(f64::to_radians));
+        let forward = rotation * Vector3::z();
+        let position = Vector3::new(-420.0, 200.0, 0.0) - forward * (900.0 + rail);
+        let dots: Vec<(Order, Vector3<f64>)> = self
+            .beams
+            .iter()
+            .map(|(order, cosines)| {
+                let c = cosines * (1.0 + self.scale);
+                let d = rotation * Vector3::new(c.x, c.y, (1.0 - c.norm_squared()).sqrt());
+                (*order, position - d * (position.z / d.z))
+            })
+            .collect();
+        let sightings = self
+            .cameras
+            .iter()
+            .map(|(name, (station, camera))| {
+                (name.clone(), self.sighting(&mut rng, station, camera, &dots))
+            })
+            .collect();
+        (sightings, Truth { position, rotation })
+    }
+
+    fn sighting(
+        &self,
+        rng: &mut ChaCha8Rng,
+        station: &Station,
+        camera: &Camera,
+        dots: &[(Order, Vector3<f64>)],
+    ) -> Sighting {
+        let mut point = |at: Vector2<f64>, sigma: f64| ImagePoint {
+            at: at + Vector2::new(normal(rng), normal(rng)) * (sigma * self.noise),
+            covariance: Matrix2::identity() * (sigma * sigma),
+        };
+        let dots = dots
+            .iter()
+            .map(|(order, place)| {
+                let at = camera.project(&station.station_point(place)).unwrap();
+                let amplitude = if (order.m, order.n) == (0, 0) { 300.0 } else { 110.0 };
+                Dot { point: point(at, DOT_SIGMA), amplitude, ..some_dot() }
+            })
+            .collect();
+        let targets = self
+            .targets
+            .iter()
+            .map(|(code, place, radius)| {
+                let at = camera.project(&station.station_point(place)).unwrap();
+                let offset = circle_image_offset(camera, station, place, &Vector3::z(), *radius);
+                Target {
+                    code: *code,
+                    point: point(at + offset.unwrap(), TARGET_SIGMA),
+                    ..some_target()
+                }
+            })
+            .collect();
+        Sighting { dots, targets }
+    }
+}
+
+fn some_point() -> ImagePoint {
+    ImagePoint { at: Vector2::zeros(), covariance: Matrix2::identity() }
+}
+
+fn some_dot() -> Dot {
+    Dot { point: some_point(), amplitude: 0.0, background: 30.0, sigma: [3.0, 3.0], quality: DotQuality::default() }
+}
+
+fn some_target() -> Target {
+    Target { code: 0, point: some_point(), semi_axes: [10.0, 10.0], angle: 0.0 }
+}

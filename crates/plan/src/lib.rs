@@ -1,0 +1,32 @@
+//! YAML -> `PlanFile`/`RigFile` -> validate -> `Plan`/`Rig` -> check (dry run) -> `Step`s.
+//!
+//! Pure: no files, no clock. The caller reads the bytes and hands them over; [`source`] turns what
+//! went wrong in reading into a fault like any other.
+//!
+//! To add a step: a line in [`plan::file::StepFile`], one in [`plan::PlanStepKind`], its
+//! expansion; the JSON Schema follows by itself.
+
+pub mod check;
+pub mod expand;
+pub mod fault;
+pub mod hash;
+#[macro_use]
+mod reader;
+pub mod plan;
+pub mod quantity;
+pub mod rig;
+pub mod schema;
+pub mod source;
+pub mod step;
+mod suggest;
+mod timing;
+mod tree;
+
+pub use check::{Summary, check};
+pub use expand::expand;
+pub use fault::{At, Fault, Faults, Mark, Severity, Source};
+pub use hash::plan_hash;
+pub use plan::{Accept, Analyse, Experiment, Limits, Method, Plan, read_plan};
+pub use rig::{ClockKind, Instrument, Rig, read_rig};
+pub use schema::{plan_schema, rig_schema};
+pub use step::{Action, Section, Step};

@@ -1,0 +1,228 @@
+//! The plan as written.
+
+use std::collections::BTreeMap;
+
+use beampose_core::InstrumentName;
+use beampose_core::units::{Millimetre, Second};
+use schemars::{Schema, SchemaGenerator, json_schema};
+use serde::Serialize;
+
+use crate::fault::At;
+use crate::quantity::AxisPosition;
+use crate::reader::{Maybe, Needed, Parameters, Read, Reader, fraction, positive};
+use crate::tree::{Node, Value};
+
+record! {
+    /// A plan: what is to be done. With which instruments, the rig says.
+    ///
+    /// Wherever a number or a quantity stands, `$name` stands for one of the plan's parameters.
+    pub struct PlanFile {
+        /// The version of this format: 1.
+        version: Needed<At<u32>>,
+        /// What the report calls it.
+        title: Needed<String>,
+        /// Why it is done, for whoever reads the report.
+        purpose: Option<String>,
+        /// The rig that is taken unless another one is named, relative to this file.
+        rig: Option<At<String>>,
+        /// The kind of experiment.
+        experiment: Needed<At<Experiment>>,
+        /// Named quantities that steps refer to as `$name`.
+        parameters: Parameters,
+        /// What is done, in this order.
+        steps: Needed<Vec<At<StepFile>>>,
+        /// What is done however the steps ended: laser off, axes home.
+        finally: Option<Vec<At<StepFile>>>,
+        /// With which methods the poses are found.
+        solve: Option<At<SolveFile>>,
+        /// What is made of the poses.
+        analyse: Option<At<AnalyseFile>>,
+        /// The limits within which the verdict is pass.
+        accept: Option<AcceptFile>,
+    }
+}
+
+words! {
+    /// The kind of experiment: it says what is analysed and how it is reported.
+    pub enum Experiment ("a kind of experiment") {
+        /// The module moves along a linear axis; the travelled distances are compared with it.
+        "translation" => Translation,
+        /// Pictures and readings are taken and solved; nothing is analysed.
+        "acquisition" => Acquisition,
+    }
+}
+
+choice! {
+    /// One step: a map with one key that says what is done.
+    pub enum StepFile ("a step") {
+        /// Switches the laser: `on` or `off`, or `{name: on}` where the rig has several.
+        "laser" => Laser(LaserFile),
+        /// Lets time pass: `2 s`.
+        "wait" => Wait(At<Second>),
+        /// Moves axes, one after another in the order of their names: `{rail: 300 mm}`.
+        "move" => Move(BTreeMap<String, At<At<AxisPosition>>>),
+        /// Reads sensors and encoders, one after another.
+        "read" => Read(Vec<At<InstrumentName>>),
+        /// Triggers cameras together.
+        "capture" => Capture(CaptureFile),
+        /// Does the steps inside several times.
+        "repeat" => Repeat(RepeatFile),
+        /// Moves an axis from value to value and does the steps inside at each.
+        "sweep" => Sweep(SweepFile),
+    }
+}
+
+words! {
+    /// Whether the laser is to emit.
+    pub enum Switch ("`on` or `off`") {
+        /// It is.
+        "on" => On,
+        /// It is not.
+        "off" => Off,
+    }
+}
+
+/// Which laser to switch, and how.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LaserFile {
+    /// The rig's only one.
+    Only(Switch),
+    /// These, by name.
+    Named(BTreeMap<String, At<Switch>>),
+}
+
+impl Read for LaserFile {
+    fn read(node: &Node, reader: &mut Reader) -> Option<Self> {
+        match node.value {
+            Value::Map(_) => Read::read(node, reader).map(Self::Named),
+            _ => Read::read(node, reader).map(Self::Only),
+        }
+    }
+
+    fn schema(generator: &mut SchemaGenerator) -> Schema {
+        let only = Switch::schema(generator);
+        let named = <BTreeMap<String, At<Switch>>>::schema(generator);
+        json_schema!({ "anyOf": [only, named] })
+    }
+}
+
+record! {
+    /// A capture.
+    pub struct CaptureFile {
+        /// `all` cameras of the rig, or a list of names.
+        cameras: CamerasFile,
+    }
+}
+
+/// Which cameras to trigger.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CamerasFile {
+    /// All of the rig.
+    All,
+    /// These.
+    Named(Vec<At<InstrumentName>>),
+}
+
+impl Read for CamerasFile {
+    fn read(node: &Node, reader: &mut Reader) -> Option<Self> {
+        match &node.value {
+            Value::Text(text) if text == "all" => Some(Self::All),
+            Value::List(_) => Read::read(node, reader).map(Self::Named),
+            _ => reader.expected(node, "`all` or a list of cameras"),
+        }
+    }
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "anyOf": [
+            { "const": "all" }, { "type": "array", "items": { "type": "string" } }
+        ] })
+    }
+}
+
+record! {
+    /// Steps that are done several times.
+    pub struct RepeatFile {
+        /// How many times.
+        times: Needed<At<u32>>,
+        /// What the turns are called; they count from 1 and stand with every capture.
+        name as "as": Option<At<String>>,
+        /// What is done in each.
+        steps: Needed<Vec<At<StepFile>>>,
+    }
+}
+
+record! {
+    /// An axis moved from value to value: `from`, `to` and `step`, or `values`.
+    pub struct SweepFile {
+        /// Which axis.
+        axis: Needed<At<InstrumentName>>,
+        /// The first value.
+        from: Maybe<At<AxisPosition>>,
+        /// The last value.
+        to: Maybe<At<AxisPosition>>,
+        /// From one value to the next.
+        step: Maybe<At<AxisPosition>>,
+        /// The values themselves, in this order.
+        values: Maybe<At<Vec<At<AxisPosition>>>>,
+        /// What is done at each.
+        steps: Needed<Vec<At<StepFile>>>,
+    }
+}
+
+words! {
+    /// How poses are found from pictures.
+    pub enum Method ("a method") {
+        /// From the angles between beams, each capture alone.
+        "inter-beam-angles" => InterBeamAngles,
+        /// The module as one more camera of a bundle adjustment, each capture alone.
+        "virtual-camera" => VirtualCamera,
+    }
+}
+
+record! {
+    /// How poses are found.
+    pub struct SolveFile {
+        /// With which methods; each gives its own poses.
+        methods: At<Vec<At<Method>>>,
+    }
+}
+
+choice! {
+    /// What is made of the poses.
+    pub enum AnalyseFile ("an analysis") {
+        /// Travelled distances against those of an axis.
+        "translation" => Translation(TranslationFile),
+    }
+}
+
+record! {
+    /// Distances between module positions against those of an axis.
+    pub struct TranslationFile {
+        /// The axis; one of the steps sweeps it.
+        axis: At<InstrumentName>,
+        /// The name of the `repeat` whose turns are compared.
+        pass: At<String>,
+    }
+}
+
+record! {
+    /// The limits within which the verdict is pass.
+    pub struct AcceptFile {
+        /// For the virtual camera.
+        virtual_camera as "virtual-camera": Option<At<Limits>>,
+        /// For the inter-beam angles.
+        inter_beam_angles as "inter-beam-angles": Option<At<Limits>>,
+        /// The least fraction of captures that must be solved, by each method.
+        min_solved_fraction: Option<f64> => fraction,
+    }
+}
+
+record! {
+    /// The limits for the results of one method.
+    pub struct Limits {
+        /// Of the mean difference to the axis at any of its positions.
+        max_abs_mean_difference: Option<Millimetre> => positive,
+    }
+}

@@ -1,0 +1,133 @@
+//! The plan: as written in [`mod@file`], as understood here. Only [`read_plan`] makes one.
+
+pub mod file;
+mod sweep;
+mod validate;
+
+use beampose_core::InstrumentName;
+use beampose_core::units::Second;
+use serde::Serialize;
+
+pub use file::{Experiment, Limits, Method, PlanFile, Switch};
+pub(crate) use validate::axis_key;
+
+use crate::fault::{At, Fault, Faults, Mark, Source};
+use crate::quantity::AxisPosition;
+
+/// The version of the plan format that this program reads.
+pub const PLAN_VERSION: u32 = 1;
+
+/// A valid plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The file it was read from.
+    pub source: Source,
+    /// What the report calls it.
+    pub title: String,
+    /// Why it is done.
+    pub purpose: Option<String>,
+    /// The rig that is taken unless another one is named, relative to the plan's file.
+    pub rig: Option<At<String>>,
+    /// The kind of experiment.
+    pub experiment: Experiment,
+    /// What is done.
+    pub steps: Vec<PlanStep>,
+    /// What is done however the steps ended.
+    pub finally: Vec<PlanStep>,
+    /// With which methods the poses are found; none for none.
+    pub methods: Vec<Method>,
+    /// What is made of them.
+    pub analyse: Option<Analyse>,
+    /// When the verdict is pass.
+    pub accept: Accept,
+    /// What is not wrong, but odd.
+    pub warnings: Vec<Fault>,
+}
+
+/// One step and where it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanStep {
+    /// Where.
+    pub mark: Mark,
+    /// What.
+    pub kind: PlanStepKind,
+}
+
+/// What a step of a plan is, before loops are unrolled.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlanStepKind {
+    /// Switches a laser; without a name the rig's only one.
+    Laser {
+        /// Which.
+        name: Option<At<InstrumentName>>,
+        /// How.
+        switch: Switch,
+    },
+    /// Lets time pass.
+    Wait(Second),
+    /// Moves an axis.
+    Move {
+        /// Which.
+        axis: At<InstrumentName>,
+        /// Where to.
+        target: At<AxisPosition>,
+    },
+    /// Reads sensors and encoders.
+    Read(Vec<At<InstrumentName>>),
+    /// Triggers cameras; without names all of the rig.
+    Capture(Option<Vec<At<InstrumentName>>>),
+    /// Does steps several times.
+    Repeat {
+        /// How many times, at least once.
+        times: u32,
+        /// What the turns are called.
+        name: Option<String>,
+        /// What is done in each.
+        steps: Vec<PlanStep>,
+    },
+    /// Does steps at each of several places of an axis.
+    Sweep {
+        /// Which axis.
+        axis: At<InstrumentName>,
+        /// The places, at least one, all of one kind.
+        values: Vec<At<AxisPosition>>,
+        /// What is done at each.
+        steps: Vec<PlanStep>,
+    },
+}
+
+/// What is made of the poses.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Analyse {
+    /// Travelled distances against those of an axis.
+    Translation {
+        /// The axis.
+        axis: At<InstrumentName>,
+        /// The loop whose turns are compared: a key of the captures' setpoints.
+        pass: String,
+        /// The key of the axis in the captures' setpoints, as `rail_mm`.
+        axis_key: String,
+    },
+}
+
+/// When the verdict is pass.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Accept {
+    /// Limits by method.
+    pub limits: std::collections::BTreeMap<Method, Limits>,
+    /// The least fraction of captures that must be solved, by each method.
+    pub min_solved_fraction: Option<f64>,
+}
+
+/// Reads a plan. `name` is how the file is called in faults.
+///
+/// # Errors
+/// Every fault that the text has.
+pub fn read_plan(name: &str, bytes: &[u8]) -> Result<Plan, Faults> {
+    let source = crate::source::utf8(name, bytes)?;
+    let (file, mut reader) = crate::reader::document::<PlanFile>(&source)?;
+    let plan = file.and_then(|file| validate::plan(file, &mut reader));
+    let warnings = reader.unused_parameters();
+    let plan = plan.map(|plan| Plan { warnings, ..plan });
+    reader.faults.into_result(plan, name)
+}

@@ -1,0 +1,277 @@
+//! From the plan as written to the plan as understood.
+//!
+//! What needs the rig (names of instruments, limits of axes) is checked by [`crate::check`].
+
+use beampose_core::InstrumentName;
+use beampose_core::instrument::AxisUnit;
+
+use super::file::{
+    AcceptFile, AnalyseFile, CamerasFile, LaserFile, PlanFile, RepeatFile, StepFile, SweepFile,
+};
+use super::{Accept, Analyse, Experiment, Method, PLAN_VERSION, Plan, PlanStep, PlanStepKind};
+use crate::fault::{At, Mark};
+use crate::reader::{Needed, Reader, is_name};
+use crate::suggest;
+
+/// The plan, or `None` where a part of it is missing; faults are noted.
+pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
+    crate::reader::expect_version(&file.version, PLAN_VERSION, reader);
+    let mut scope = Scope { loops: Vec::new(), passes: Vec::new(), swept: Vec::new(), captures: 0 };
+    let steps = file.steps.0.as_ref().map(|steps| scope.steps(steps, reader));
+    let captures = scope.captures;
+    let finally = file.finally.unwrap_or_default();
+    let finally = scope.steps(&finally, reader);
+    refuse_captures(&finally, reader);
+    let experiment = file.experiment.0.as_ref().map(|e| e.value);
+    let methods = methods(file.solve.map(|s| s.value.methods), experiment, captures, reader);
+    let analyse = analyse(file.analyse.as_ref(), &scope, reader);
+    if let Some(kind) = &file.experiment.0 {
+        belongs_together(kind, file.analyse.as_ref(), reader);
+    }
+    let accept = file.accept.map(|accept| accept_limits(&accept, &methods, reader));
+    Some(Plan {
+        source: reader.source.clone(),
+        title: file.title.0?,
+        purpose: file.purpose,
+        rig: file.rig,
+        experiment: experiment?,
+        steps: steps?,
+        finally,
+        methods,
+        analyse,
+        accept: accept.unwrap_or_default(),
+        warnings: Vec::new(),
+    })
+}
+
+/// What surrounds a step, and what the steps so far have named.
+struct Scope {
+    /// Keys of the loops around, outermost first.
+    loops: Vec<String>,
+    /// All names of repeats.
+    passes: Vec<String>,
+    /// All axes swept, with the unit where the values are sound.
+    swept: Vec<(InstrumentName, Option<AxisUnit>)>,
+    captures: usize,
+}
+
+impl Scope {
+    fn steps(&mut self, steps: &[At<StepFile>], reader: &mut Reader) -> Vec<PlanStep> {
+        steps.iter().flat_map(|step| self.step(step, reader)).collect()
+    }
+
+    /// One step as written can be several as understood, or none after a fault.
+    fn step(&mut self, step: &At<StepFile>, reader: &mut Reader) -> Vec<PlanStep> {
+        let one = |kind| vec![PlanStep { mark: step.mark, kind }];
+        match &step.value {
+            StepFile::Laser(laser) => lasers(laser).into_iter().flat_map(one).collect(),
+            StepFile::Wait(time) => {
+                if time.value.0 <= 0.0 {
+                    let message = format!("a wait must be above zero, found `{}`", time.value);
+                    reader.fault(time.mark, message);
+                }
+                one(PlanStepKind::Wait(time.value))
+            }
+            StepFile::Move(targets) => targets
+                .iter()
+                .map(|(axis, target)| PlanStepKind::Move {
+                    axis: target.with(InstrumentName(axis.clone())),
+                    target: target.value.clone(),
+                })
+                .flat_map(one)
+                .collect(),
+            StepFile::Read(names) => one(PlanStepKind::Read(distinct(names, reader))),
+            StepFile::Capture(capture) => {
+                self.captures += 1;
+                one(PlanStepKind::Capture(match &capture.cameras {
+                    CamerasFile::All => None,
+                    CamerasFile::Named(names) => Some(distinct(names, reader)),
+                }))
+            }
+            StepFile::Repeat(repeat) => {
+                self.repeat(repeat, reader).into_iter().flat_map(one).collect()
+            }
+            StepFile::Sweep(sweep) => {
+                self.sweep(sweep, step.mark, reader).into_iter().flat_map(one).collect()
+            }
+        }
+    }
+
+    fn repeat(&mut self, repeat: &RepeatFile, reader: &mut Reader) -> Option<PlanStepKind> {
+        if let Some(times) = repeat.times.0.as_ref().filter(|times| times.value == 0) {
+            reader.fault(times.mark, "`times` must be at least 1, found `0`");
+        }
+        let name = repeat.name.as_ref();
+        if let Some(name) = name.filter(|name| !is_name(&name.value)) {
+            reader.fault(name.mark, "a loop's name has letters, digits and `_` only");
+        }
+        self.passes.extend(name.map(|name| name.value.clone()));
+        let steps = self.inside(name.cloned(), &repeat.steps, reader);
+        let times = repeat.times.0.as_ref()?.value;
+        Some(PlanStepKind::Repeat { times, name: name.map(|n| n.value.clone()), steps })
+    }
+
+    fn sweep(
+        &mut self,
+        sweep: &SweepFile,
+        mark: Mark,
+        reader: &mut Reader,
+    ) -> Option<PlanStepKind> {
+        let values = super::sweep::values(sweep, mark, reader);
+        let axis = sweep.axis.0.as_ref();
+        let unit = values.as_ref().and_then(|v| v.first()).map(|v| v.value.unit());
+        self.swept.extend(axis.map(|axis| (axis.value.clone(), unit)));
+        let key = axis.zip(unit).map(|(axis, unit)| axis.with(axis_key(&axis.value, unit)));
+        let steps = self.inside(key, &sweep.steps, reader);
+        Some(PlanStepKind::Sweep { axis: axis?.clone(), values: values?, steps })
+    }
+
+    /// The steps of a loop, whose key must not be that of a loop around it.
+    fn inside(
+        &mut self,
+        key: Option<At<String>>,
+        steps: &Needed<Vec<At<StepFile>>>,
+        reader: &mut Reader,
+    ) -> Vec<PlanStep> {
+        if let Some(key) = key.as_ref().filter(|key| self.loops.contains(&key.value)) {
+            let message = format!("a loop around this one is already called `{}`", key.value);
+            reader.fault(key.mark, message);
+        }
+        let depth = self.loops.len();
+        self.loops.extend(key.map(|key| key.value));
+        let steps = self.steps(steps.0.as_deref().unwrap_or_default(), reader);
+        self.loops.truncate(depth);
+        steps
+    }
+}
+
+/// The key of an axis in setpoints, as `rail_mm`.
+pub(crate) fn axis_key(axis: &InstrumentName, unit: AxisUnit) -> String {
+    let suffix = match unit {
+        AxisUnit::Millimetre => "mm",
+        AxisUnit::Degree => "deg",
+    };
+    format!("{axis}_{suffix}")
+}
+
+fn lasers(laser: &LaserFile) -> Vec<PlanStepKind> {
+    match laser {
+        LaserFile::Only(switch) => vec![PlanStepKind::Laser { name: None, switch: *switch }],
+        LaserFile::Named(lasers) => lasers
+            .iter()
+            .map(|(name, switch)| PlanStepKind::Laser {
+                name: Some(switch.with(InstrumentName(name.clone()))),
+                switch: switch.value,
+            })
+            .collect(),
+    }
+}
+
+/// A list of instruments, none twice.
+fn distinct(names: &[At<InstrumentName>], reader: &mut Reader) -> Vec<At<InstrumentName>> {
+    for (i, name) in names.iter().enumerate() {
+        if names.iter().take(i).any(|earlier| earlier.value == name.value) {
+            reader.fault(name.mark, format!("`{}` is named twice", name.value));
+        }
+    }
+    names.to_vec()
+}
+
+fn refuse_captures(finally: &[PlanStep], reader: &mut Reader) {
+    for step in finally {
+        match &step.kind {
+            PlanStepKind::Capture(_) => {
+                let help = "`finally` also runs after a failure, when nothing can be said of what \
+                            the pictures show"
+                    .to_owned();
+                reader.fault_help(step.mark, "no captures in `finally`".to_owned(), Some(help));
+            }
+            PlanStepKind::Repeat { steps, .. } | PlanStepKind::Sweep { steps, .. } => {
+                refuse_captures(steps, reader);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn methods(
+    methods: Option<At<Vec<At<Method>>>>,
+    experiment: Option<Experiment>,
+    captures: usize,
+    reader: &mut Reader,
+) -> Vec<Method> {
+    let Some(methods) = methods else {
+        let analysed = experiment == Some(Experiment::Translation);
+        return if analysed { vec![Method::VirtualCamera] } else { Vec::new() };
+    };
+    if captures == 0 && reader.faults.is_empty() {
+        reader.fault(methods.mark, "nothing to solve: no step captures");
+    }
+    for (i, method) in methods.value.iter().enumerate() {
+        if methods.value.iter().take(i).any(|earlier| earlier.value == method.value) {
+            reader.fault(method.mark, format!("`{}` is named twice", method.value.as_str()));
+        }
+    }
+    methods.value.into_iter().map(|method| method.value).collect()
+}
+
+fn analyse(
+    analyse: Option<&At<AnalyseFile>>,
+    scope: &Scope,
+    reader: &mut Reader,
+) -> Option<Analyse> {
+    let AnalyseFile::Translation(translation) = &analyse?.value;
+    let (axis, pass) = (&translation.axis, &translation.pass);
+    if !pass.value.is_empty() && !scope.passes.contains(&pass.value) {
+        let help = suggest::help(&pass.value, scope.passes.iter().map(String::as_str));
+        reader.fault_help(pass.mark, format!("no `repeat` is called `{}`", pass.value), help);
+    }
+    let swept = scope.swept.iter().find(|(name, _)| *name == axis.value);
+    if swept.is_none() && !axis.value.as_str().is_empty() {
+        let names = scope.swept.iter().map(|(name, _)| name.as_str());
+        let help = suggest::help(axis.value.as_str(), names);
+        reader.fault_help(axis.mark, format!("no step sweeps `{}`", axis.value), help);
+    }
+    let unit = swept?.1?;
+    if unit != AxisUnit::Millimetre {
+        reader.fault(axis.mark, "a translation needs an axis that counts in millimetres");
+    }
+    let axis_key = axis_key(&axis.value, unit);
+    Some(Analyse::Translation { axis: axis.clone(), pass: pass.value.clone(), axis_key })
+}
+
+fn belongs_together(
+    experiment: &At<Experiment>,
+    analyse: Option<&At<AnalyseFile>>,
+    reader: &mut Reader,
+) {
+    match (experiment.value, analyse) {
+        (Experiment::Translation, None) => {
+            let help = "as in `analyse: {translation: {axis: rail, pass: pass}}`".to_owned();
+            let message = "a translation needs `analyse`".to_owned();
+            reader.fault_help(experiment.mark, message, Some(help));
+        }
+        (Experiment::Acquisition, Some(analyse)) => {
+            reader.fault(analyse.mark, "an acquisition is not analysed");
+        }
+        (Experiment::Translation, Some(_)) | (Experiment::Acquisition, None) => {}
+    }
+}
+
+fn accept_limits(file: &AcceptFile, methods: &[Method], reader: &mut Reader) -> Accept {
+    let by_method = [
+        (Method::VirtualCamera, &file.virtual_camera),
+        (Method::InterBeamAngles, &file.inter_beam_angles),
+    ];
+    let mut accept = Accept { min_solved_fraction: file.min_solved_fraction, ..Accept::default() };
+    for (method, limits) in by_method {
+        let Some(limits) = limits else { continue };
+        if !methods.contains(&method) {
+            let message = format!("limits for `{}`, which is not solved", method.as_str());
+            let help = Some("add it to `solve: {methods: [...]}`".to_owned());
+            reader.fault_help(limits.mark, message, help);
+        }
+        accept.limits.insert(method, limits.value.clone());
+    }
+    accept
+}

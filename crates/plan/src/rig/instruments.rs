@@ -1,0 +1,252 @@
+//! The instruments of a rig.
+//!
+//! To add a kind: a record here, a line in [`Instrument`], a trait in `core`.
+
+use beampose_core::Quantity;
+use beampose_core::units::{Degree, Milliampere, Millimetre, Nanometre, Second};
+use schemars::{Schema, SchemaGenerator, json_schema};
+use serde::Serialize;
+
+use crate::fault::At;
+use crate::quantity::{
+    Byte, CURRENT, DegreePerSecond, Kelvin, MillimetrePerSecond, TEMPERATURE_DIFFERENCE,
+    WAVELENGTH, parse,
+};
+use crate::reader::{Read, Reader, not_negative, positive, quantity_of};
+use crate::tree::{Node, Value};
+
+/// The driver of instruments that do not exist.
+pub const SIMULATED: &str = "simulated";
+
+choice! {
+    /// One instrument: a map with one key that says of which kind.
+    pub enum Instrument ("a kind of instrument") {
+        /// A stage that moves along a line.
+        "linear_axis" => LinearAxis(LinearAxis),
+        /// A stage that turns.
+        "rotary_axis" => RotaryAxis(RotaryAxis),
+        /// A laser source.
+        "laser" => Laser(Laser),
+        /// Something that is read: a wavelength meter, a thermometer.
+        "sensor" => Sensor(Sensor),
+        /// A camera that takes single pictures.
+        "camera" => Camera(Camera),
+    }
+}
+
+impl Instrument {
+    /// Which driver speaks to it, and where that is written.
+    #[must_use]
+    pub const fn driver(&self) -> &At<String> {
+        match self {
+            Self::LinearAxis(i) => &i.driver,
+            Self::RotaryAxis(i) => &i.driver,
+            Self::Laser(i) => &i.driver,
+            Self::Sensor(i) => &i.driver,
+            Self::Camera(i) => &i.driver,
+        }
+    }
+
+    /// Where the driver finds it.
+    #[must_use]
+    pub fn address(&self) -> Option<&str> {
+        match self {
+            Self::LinearAxis(i) => i.address.as_deref(),
+            Self::RotaryAxis(i) => i.address.as_deref(),
+            Self::Laser(i) => i.address.as_deref(),
+            Self::Sensor(i) => i.address.as_deref(),
+            Self::Camera(i) => i.address.as_deref(),
+        }
+    }
+
+    /// Whether nothing but a simulation answers.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.driver().value == SIMULATED
+    }
+
+    /// The kind, as in the rig file.
+    #[must_use]
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::LinearAxis(_) => "linear_axis",
+            Self::RotaryAxis(_) => "rotary_axis",
+            Self::Laser(_) => "laser",
+            Self::Sensor(_) => "sensor",
+            Self::Camera(_) => "camera",
+        }
+    }
+}
+
+record! {
+    /// A stage that moves along a line.
+    pub struct LinearAxis {
+        /// Which driver speaks to it; `simulated` where none does.
+        driver: At<String>,
+        /// Where the driver finds it, as a serial port's name.
+        address: Option<String>,
+        /// Between which places it may move.
+        travel: At<LinearTravel>,
+        /// How fast it moves.
+        speed: MillimetrePerSecond => positive,
+        /// How long it needs to stand still after a move.
+        settle: Second => not_negative,
+        /// Standard uncertainty of its encoder.
+        u: Option<Millimetre> => positive,
+    }
+}
+
+record! {
+    /// The soft limits of a linear axis.
+    pub struct LinearTravel {
+        /// The lower one.
+        from: Millimetre,
+        /// The upper one.
+        to: Millimetre,
+    }
+}
+
+record! {
+    /// A stage that turns.
+    pub struct RotaryAxis {
+        /// Which driver speaks to it; `simulated` where none does.
+        driver: At<String>,
+        /// Where the driver finds it, as a serial port's name.
+        address: Option<String>,
+        /// Between which angles it may turn.
+        travel: At<RotaryTravel>,
+        /// How fast it turns.
+        speed: DegreePerSecond => positive,
+        /// How long it needs to stand still after a move.
+        settle: Second => not_negative,
+        /// Standard uncertainty of its encoder.
+        u: Option<Degree> => positive,
+    }
+}
+
+record! {
+    /// The soft limits of a rotary axis.
+    pub struct RotaryTravel {
+        /// The lower one.
+        from: Degree,
+        /// The upper one.
+        to: Degree,
+    }
+}
+
+record! {
+    /// A laser source.
+    pub struct Laser {
+        /// Which driver speaks to it; `simulated` where none does.
+        driver: At<String>,
+        /// Where the driver finds it, as a serial port's name.
+        address: Option<String>,
+        /// How long after switching on no light comes out: the law asks for it in class 3B.
+        emission_delay: Second => not_negative,
+        /// The current it is driven with.
+        current: Option<Milliampere> => positive,
+    }
+}
+
+record! {
+    /// Something that is read.
+    pub struct Sensor {
+        /// Which driver speaks to it; `simulated` where none does.
+        driver: At<String>,
+        /// Where the driver finds it, as a serial port's name.
+        address: Option<String>,
+        /// What it reads.
+        reads: Quantity,
+        /// Standard uncertainty of a reading.
+        u: Option<At<SensorUncertainty>>,
+        /// How long a reading takes.
+        response: Option<Second> => not_negative,
+    }
+}
+
+/// The standard uncertainty of a sensor's reading: the unit says of what.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorUncertainty {
+    /// Of a wavelength.
+    Wavelength(Nanometre),
+    /// Of a temperature.
+    Temperature(Kelvin),
+    /// Of a current.
+    Current(Milliampere),
+}
+
+impl SensorUncertainty {
+    /// What the sensor reads.
+    #[must_use]
+    pub const fn quantity(self) -> Quantity {
+        match self {
+            Self::Wavelength(_) => Quantity::Wavelength,
+            Self::Temperature(_) => Quantity::Temperature,
+            Self::Current(_) => Quantity::Current,
+        }
+    }
+
+    /// The number, in the unit of [`SensorUncertainty::quantity`].
+    #[must_use]
+    pub const fn number(self) -> f64 {
+        match self {
+            Self::Wavelength(u) => u.0,
+            Self::Temperature(u) => u.0,
+            Self::Current(u) => u.0,
+        }
+    }
+}
+
+impl Read for SensorUncertainty {
+    fn read(node: &Node, reader: &mut Reader) -> Option<Self> {
+        let is = |dimension| matches!(&node.value, Value::Text(t) if parse(t, dimension).is_ok());
+        let u = if is(&TEMPERATURE_DIFFERENCE) {
+            quantity_of(node, &TEMPERATURE_DIFFERENCE, reader).map(|n| Self::Temperature(Kelvin(n)))
+        } else if is(&CURRENT) {
+            quantity_of(node, &CURRENT, reader).map(|n| Self::Current(Milliampere(n)))
+        } else {
+            quantity_of(node, &WAVELENGTH, reader).map(|n| Self::Wavelength(Nanometre(n)))
+        }?;
+        if u.number() <= 0.0 {
+            reader.fault(node.mark, format!("`u` must be above zero, found {}", node.describe()));
+        }
+        Some(u)
+    }
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "examples": ["0.02 nm", "0.1 K", "0.5 mA"] })
+    }
+}
+
+record! {
+    /// A camera that takes single pictures.
+    pub struct Camera {
+        /// Which driver speaks to it; `simulated` where none does.
+        driver: At<String>,
+        /// Where the driver finds it, as a device's name.
+        address: Option<String>,
+        /// Its interior orientation: a ROS `camera_info` file, relative to the rig's.
+        calibration: At<String>,
+        /// Standard uncertainty of the interior orientation.
+        interior_u: Option<InteriorU>,
+        /// The distance of the sensor's pixels.
+        pixel_pitch: Millimetre => positive,
+        /// How long it exposes.
+        exposure: Option<Second> => positive,
+        /// How long until a picture is here.
+        delivery: Option<Second> => not_negative,
+        /// How big a picture is, about.
+        picture_size: Option<Byte> => positive,
+    }
+}
+
+record! {
+    /// Standard uncertainty of an interior orientation, on the sensor.
+    pub struct InteriorU {
+        /// Of the focal length.
+        focal: Millimetre => not_negative,
+        /// Of the principal point, in x and y.
+        principal_point: [Millimetre; 2] => not_negative,
+    }
+}

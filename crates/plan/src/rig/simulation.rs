@@ -1,0 +1,209 @@
+//! The simulated world, for simulated drivers: how things are, not what the measurement is told.
+//!
+//! Plain data; `virtual_lab` makes a world of it. Pictures' grey values are fractions of full
+//! scale, so that they mean the same for any depth.
+
+use std::collections::BTreeMap;
+
+use beampose_core::InstrumentName;
+use beampose_core::units::{Celsius, Degree, Millimetre, Nanometre, Second};
+
+use crate::fault::At;
+use crate::quantity::{Kelvin, Pixel};
+use crate::reader::{fraction, not_negative, percent, positive, unit_range};
+
+record! {
+    /// The simulated world.
+    pub struct Simulation {
+        /// Of all that is drawn. The same seed gives the same world and the same pictures.
+        seed: u64,
+        /// Whether truth differs from what solving is told: cameras' interior orientations,
+        /// artefact, pattern and wavelength reading are then drawn from their uncertainties.
+        draw_errors: bool,
+        /// How the module is carried.
+        module: SimulatedModule,
+        /// The laser in the module.
+        laser: SimulatedLaser,
+        /// What the beams fall on.
+        walls: Vec<At<Wall>>,
+        /// Where each simulated camera stands.
+        cameras: BTreeMap<String, At<SimulatedCamera>>,
+        /// The tie targets on the walls. The artefact's stand where the measurement says, but for
+        /// drawn errors. Each faces along the normal of the wall nearest to it.
+        tie_targets: Option<Vec<At<PlacedTarget>>>,
+        /// What a picture is like.
+        picture: SimulatedPicture,
+    }
+}
+
+record! {
+    /// How the module is carried.
+    pub struct SimulatedModule {
+        /// The linear axis that carries it.
+        axis: At<InstrumentName>,
+        /// Where it is in the world when the axis is at zero.
+        origin: [Millimetre; 3],
+        /// Which way it moves in the world when the axis counts up; of any length.
+        direction: At<[f64; 3]>,
+        /// How it is turned: omega, phi, kappa.
+        rotation_omega_phi_kappa: [Degree; 3],
+        /// How much longer the way is than the axis says, relatively.
+        scale_relative: f64,
+        /// How the way departs from a straight line.
+        straightness: Straightness,
+    }
+}
+
+record! {
+    /// A sine across the way, alike to both sides of it (a quarter of a period apart).
+    pub struct Straightness {
+        /// Its amplitude.
+        amplitude: Millimetre => not_negative,
+        /// Its period along the way.
+        period: Millimetre => positive,
+    }
+}
+
+record! {
+    /// The laser in the module.
+    pub struct SimulatedLaser {
+        /// The wavelength at one temperature of the diode.
+        wavelength_at: WavelengthAt,
+        /// How much longer per degree.
+        per_degree: Nanometre,
+        /// Temperature of the room when the session begins.
+        ambient: Celsius,
+        /// How the diode warms after it is switched on: exponentially.
+        warm_up: WarmUp,
+        /// How the room's temperature drifts from the session's beginning.
+        room: RoomDrift,
+        /// The beams.
+        beam: Beam,
+    }
+}
+
+record! {
+    /// One point of the wavelength's course over temperature.
+    pub struct WavelengthAt {
+        /// The temperature.
+        temperature: Celsius,
+        /// The wavelength there, in vacuum.
+        value: Nanometre => positive,
+    }
+}
+
+record! {
+    /// An exponential approach.
+    pub struct WarmUp {
+        /// How much warmer than the room in the end.
+        rise: Kelvin,
+        /// After this time 63 % of it.
+        time_constant: Second => positive,
+    }
+}
+
+record! {
+    /// A steady drift.
+    pub struct RoomDrift {
+        /// How much warmer it gets each hour; below zero where it cools.
+        drift_per_hour: Kelvin,
+    }
+}
+
+record! {
+    /// The beams: Gaussian, all alike but for the order zero.
+    pub struct Beam {
+        /// Diameter at the module, where the intensity is 1/e^2.
+        diameter: Millimetre => positive,
+        /// Full angle of divergence.
+        divergence: Degree => not_negative,
+    }
+}
+
+record! {
+    /// A plane.
+    pub struct Wall {
+        /// One of its points.
+        point: [Millimetre; 3],
+        /// Its normal, to the side of the cameras; of any length.
+        normal: At<[f64; 3]>,
+    }
+}
+
+record! {
+    /// Where a camera stands and where it looks.
+    pub struct SimulatedCamera {
+        /// Its projection centre.
+        position: [Millimetre; 3],
+        /// A point on its optical axis.
+        look_at: At<[Millimetre; 3]>,
+        /// How it is turned about its optical axis: at zero the rows of its pictures are level
+        /// (world Y up), and above zero it leans clockwise for whoever stands behind it.
+        roll: Degree,
+    }
+}
+
+record! {
+    /// A coded target on a wall.
+    pub struct PlacedTarget {
+        /// Its code.
+        code: At<u16>,
+        /// Its centre.
+        position: [Millimetre; 3],
+    }
+}
+
+record! {
+    /// What a picture is like. Grey values are fractions of full scale.
+    pub struct SimulatedPicture {
+        /// Size of the pictures against that of the calibrations; 0.5 halves both sides.
+        scale: f64 => unit_range,
+        /// Grey of the bare wall.
+        background: f64 => fraction,
+        /// By how much it differs from one side of the picture to the other.
+        gradient: f64 => fraction,
+        /// Grey of a dot's peak above the wall, for a beam other than the order zero that falls
+        /// perpendicularly on a wall 0.9 m away.
+        dot_amplitude: f64 => fraction,
+        /// The laser's speckle.
+        speckle: Speckle,
+        /// Standard deviation of the read noise.
+        read_noise: f64 => fraction,
+        /// Electrons at full scale, for the photon noise.
+        full_well_electrons: f64 => positive,
+        /// Difference of grey between the two colours of a target.
+        target_contrast: f64 => fraction,
+        /// Quality of JPEG, from 1 to 100.
+        jpeg_quality: u32 => percent,
+    }
+}
+
+record! {
+    /// Speckle in a dot.
+    pub struct Speckle {
+        /// Standard deviation of the intensity against its mean.
+        contrast: f64 => fraction,
+        /// Size of a grain in the full-size picture.
+        grain: Pixel => positive,
+    }
+}
+
+impl Simulation {
+    /// The wall nearest to a place: targets there face along its normal.
+    #[must_use]
+    pub fn nearest_wall(&self, place: [Millimetre; 3]) -> Option<&Wall> {
+        let walls = self.walls.iter().map(|wall| &wall.value);
+        walls.min_by(|a, b| a.distance(place).0.total_cmp(&b.distance(place).0))
+    }
+}
+
+impl Wall {
+    /// How far a place is from this plane.
+    #[must_use]
+    pub fn distance(&self, place: [Millimetre; 3]) -> Millimetre {
+        let normal = self.normal.value;
+        let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+        let along: f64 = (0..3).map(|i| (place[i].0 - self.point[i].0) * normal[i]).sum();
+        Millimetre((along / length).abs())
+    }
+}

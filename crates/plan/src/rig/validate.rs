@@ -1,0 +1,208 @@
+//! From the rig as written to the rig as understood.
+
+use std::collections::BTreeMap;
+
+use beampose_core::InstrumentName;
+
+use super::instruments::{Instrument, Sensor};
+use super::measurement::Measurement;
+use super::simulation::{SimulatedModule, Simulation};
+use super::{ClockKind, RIG_VERSION, Rig, RigFile, SIMULATED};
+use crate::fault::{At, Mark};
+use crate::reader::{Maybe, Reader};
+use crate::suggest;
+
+/// Number of sectors of a coded target.
+const CODE_BITS: u32 = 12;
+/// Three targets define a frame; fewer leave it open.
+const LEAST_TARGETS: usize = 3;
+
+type Instruments = BTreeMap<String, At<Instrument>>;
+
+/// The rig, or `None` where a part of it is missing; faults are noted.
+pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
+    crate::reader::expect_version(&file.version, RIG_VERSION, reader);
+    let none = At { value: Instruments::new(), mark: Mark::default() };
+    let instruments = file.instruments.0.as_ref().unwrap_or(&none);
+    for instrument in instruments.value.values() {
+        instrument_itself(&instrument.value, reader);
+    }
+    if let Some(clock) = &file.clock.0 {
+        virtual_time_needs_simulation(clock, &instruments.value, reader);
+    }
+    let mut codes = BTreeMap::new();
+    if let Some(measurement) = &file.measurement.0 {
+        artefact(measurement, &mut codes, reader);
+    }
+    if let Maybe::Given(simulation) = &file.simulation {
+        simulated_world(&simulation.value, &instruments.value, reader);
+        tie_targets(&simulation.value, file.measurement.0.as_ref(), &mut codes, reader);
+    }
+    simulation_if_needed(&file, reader);
+    let named = |(name, at): (String, At<Instrument>)| (InstrumentName(name), at.value);
+    Some(Rig {
+        source: reader.source.clone(),
+        title: file.title.0?,
+        clock: file.clock.0?.value,
+        instruments: file.instruments.0?.value.into_iter().map(named).collect(),
+        measurement: file.measurement.0?,
+        simulation: match file.simulation {
+            Maybe::Given(simulation) => Some(simulation.value),
+            Maybe::Absent | Maybe::Broken => None,
+        },
+    })
+}
+
+fn instrument_itself(instrument: &Instrument, reader: &mut Reader) {
+    match instrument {
+        Instrument::LinearAxis(axis) => {
+            let (from, to) = (axis.travel.value.from, axis.travel.value.to);
+            upwards(from.0, to.0, axis.travel.mark, reader);
+        }
+        Instrument::RotaryAxis(axis) => {
+            let (from, to) = (axis.travel.value.from, axis.travel.value.to);
+            upwards(from.0, to.0, axis.travel.mark, reader);
+        }
+        Instrument::Sensor(sensor) => sensor_unit(sensor, reader),
+        Instrument::Laser(_) | Instrument::Camera(_) => {}
+    }
+}
+
+/// A number that stands in for a broken one is NaN: it compares as neither.
+fn upwards(from: f64, to: f64, mark: Mark, reader: &mut Reader) {
+    if from >= to {
+        reader.fault(mark, format!("`travel` must go upwards, found {from} to {to}"));
+    }
+}
+
+fn sensor_unit(sensor: &Sensor, reader: &mut Reader) {
+    if let Some(u) = sensor.u.as_ref().filter(|u| u.value.quantity() != sensor.reads) {
+        let (reads, of) = (sensor.reads.name(), u.value.quantity().name());
+        reader.fault(u.mark, format!("the sensor reads a {reads}, its `u` is of a {of}"));
+    }
+}
+
+fn virtual_time_needs_simulation(
+    clock: &At<ClockKind>,
+    instruments: &Instruments,
+    reader: &mut Reader,
+) {
+    let is_real =
+        |at: &At<Instrument>| !at.value.is_simulated() && !at.value.driver().value.is_empty();
+    let real = instruments.iter().find(|(_, at)| is_real(at));
+    if let (ClockKind::Virtual, Some((name, _))) = (clock.value, real) {
+        let message = format!("virtual time, but `{name}` is not simulated");
+        reader.fault_help(clock.mark, message, Some("is it `clock: real`?".to_owned()));
+    }
+}
+
+fn artefact(measurement: &Measurement, codes: &mut BTreeMap<u16, u32>, reader: &mut Reader) {
+    let targets = &measurement.artefact.targets;
+    // Targets that hold a fault are left out: then nothing can be said of their number.
+    if targets.value.len() < LEAST_TARGETS && reader.faults.is_empty() {
+        let found = targets.value.len();
+        reader.fault(
+            targets.mark,
+            format!("expected at least {LEAST_TARGETS} targets to define the frame, found {found}"),
+        );
+    }
+    for target in &targets.value {
+        target_code(&target.value.code, codes, reader);
+    }
+}
+
+/// A code must be the smallest of its rotations, have some change in its ring, and stand once.
+fn target_code(code: &At<u16>, codes: &mut BTreeMap<u16, u32>, reader: &mut Reader) {
+    if code.mark == Mark::default() {
+        // It stands in for a missing one.
+        return;
+    }
+    let (value, all) = (u32::from(code.value), (1u32 << CODE_BITS) - 1);
+    if value == 0 || value >= all {
+        reader.fault(code.mark, format!("a code is from 1 to {}, found `{value}`", all - 1));
+        return;
+    }
+    let turned = |by| ((value << by) | (value >> (CODE_BITS - by))) & all;
+    let smallest = (0..CODE_BITS).map(turned).min().unwrap_or(value);
+    if smallest != value {
+        let message = format!("code {value} is not the smallest of its rotations");
+        reader.fault_help(code.mark, message, Some(format!("the same ring reads `{smallest}`")));
+    }
+    if let Some(line) = codes.insert(code.value, code.mark.line) {
+        reader.fault(code.mark, format!("code {value} repeats; it was first in line {line}"));
+    }
+}
+
+fn tie_targets(
+    simulation: &Simulation,
+    measurement: Option<&Measurement>,
+    codes: &mut BTreeMap<u16, u32>,
+    reader: &mut Reader,
+) {
+    let placed = simulation.tie_targets.as_deref().unwrap_or_default();
+    for target in placed {
+        target_code(&target.value.code, codes, reader);
+    }
+    let known = measurement.is_none_or(|m| m.tie_targets.is_some());
+    if let Some(target) = placed.first().filter(|_| !known) {
+        let message = "tie targets on the walls, but `measurement` has no `tie_targets`";
+        reader.fault(target.mark, message);
+    }
+}
+
+fn simulation_if_needed(file: &RigFile, reader: &mut Reader) {
+    let Some(instruments) = &file.instruments.0 else { return };
+    let simulated = instruments.value.iter().find(|(_, at)| at.value.is_simulated());
+    match (simulated, &file.simulation) {
+        (Some((name, _)), Maybe::Absent) => {
+            reader.fault(
+                instruments.mark,
+                format!("`{name}` is simulated; missing key `simulation`"),
+            );
+        }
+        (None, Maybe::Given(simulation)) => {
+            let message = format!("no instrument has the driver `{SIMULATED}`");
+            reader.fault(simulation.mark, message);
+        }
+        _ => {}
+    }
+}
+
+fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &mut Reader) {
+    carrying_axis(&simulation.module, instruments, reader);
+    let is_camera =
+        |at: &At<Instrument>| matches!(at.value, Instrument::Camera(_)) && at.value.is_simulated();
+    for (name, instrument) in instruments.iter().filter(|(_, at)| is_camera(at)) {
+        // Without any, the whole key is missing or empty, which is noted already.
+        if !simulation.cameras.is_empty() && !simulation.cameras.contains_key(name) {
+            let message = format!("`simulation: cameras:` does not say where `{name}` stands");
+            reader.fault(instrument.mark, message);
+        }
+    }
+    for (name, camera) in &simulation.cameras {
+        if !instruments.get(name).is_some_and(is_camera) {
+            let known = instruments.iter().filter(|(_, at)| is_camera(at)).map(|(n, _)| n.as_str());
+            let help = suggest::help(name, known);
+            reader.fault_help(camera.mark, format!("no simulated camera `{name}`"), help);
+        }
+        if camera.value.position == camera.value.look_at.value {
+            reader.fault(camera.value.look_at.mark, "a camera cannot look at where it stands");
+        }
+    }
+    let normals = simulation.walls.iter().map(|wall| &wall.value.normal);
+    for direction in normals.chain([&simulation.module.direction]) {
+        if direction.value == [0.0; 3] {
+            reader.fault(direction.mark, "a direction must not be zero");
+        }
+    }
+}
+
+fn carrying_axis(module: &SimulatedModule, instruments: &Instruments, reader: &mut Reader) {
+    let is_axis = |at: &At<Instrument>| matches!(at.value, Instrument::LinearAxis(_));
+    let name = module.axis.value.as_str();
+    if !name.is_empty() && !instruments.get(name).is_some_and(is_axis) {
+        let axes = instruments.iter().filter(|(_, at)| is_axis(at)).map(|(name, _)| name.as_str());
+        let help = suggest::help(name, axes);
+        reader.fault_help(module.axis.mark, format!("no linear axis `{name}`"), help);
+    }
+}

@@ -1,0 +1,59 @@
+//! Sessions in SQLite: everything acquired, solved and reported, in one file.
+//!
+//! The only SQL in the project is here and in `migrations/`. The store knows nothing of
+//! photogrammetry: solutions come and go as JSON and plain rows. What a simulation knows in secret
+//! goes through [`truth`] and nowhere else.
+//!
+//! One connection writes, a few read: SQLite has one writer at a time anyway, and so a session's
+//! step never waits for a reader. Every write is one durable transaction (WAL with
+//! `synchronous=FULL`): it is on the disk when the call returns.
+//!
+//! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
+
+mod error;
+mod open;
+mod pictures;
+mod processing;
+pub mod rows;
+mod sessions;
+mod sink;
+mod stamp;
+#[cfg(test)]
+mod tests;
+pub mod truth;
+mod verify;
+
+use std::path::{Path, PathBuf};
+
+use sqlx::SqlitePool;
+
+pub use error::StoreError;
+pub use open::path_of;
+pub use rows::{
+    NewProcessing, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow, SessionSummary,
+    SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession, StoredStep,
+    Verification,
+};
+
+/// A database of sessions. Cheap to clone: clones share the connections.
+#[derive(Debug, Clone)]
+pub struct Store {
+    path: PathBuf,
+    /// One connection, so that writes queue here instead of failing as busy.
+    writer: SqlitePool,
+    readers: SqlitePool,
+}
+
+impl Store {
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Waits for what is under way, folds the write-ahead log into the file and closes it.
+    pub async fn close(self) {
+        self.readers.close().await;
+        self.writer.close().await;
+    }
+}

@@ -1,0 +1,236 @@
+//! What is stored of a session comes back, or is refused.
+
+use beampose_core::{EventKind, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome};
+
+use super::{at, event, fresh, header, p000, picture, session, step};
+use crate::{Store, StoreError};
+
+#[tokio::test]
+async fn a_session_comes_back_as_it_was_stored() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = session(store).await;
+    let stored = store.session(id).await.unwrap();
+    assert_eq!(stored.header, header(id));
+    assert_eq!(stored.closed, Some(at(9000)));
+    assert_eq!(stored.outcome, Some(SessionOutcome::Completed));
+
+    let steps = store.steps(id).await.unwrap();
+    assert_eq!(steps.len(), 2);
+    assert_eq!(steps[0].label, "capture p000");
+    assert_eq!((steps[0].started, steps[0].finished), (at(1000), at(3000)));
+
+    let record = step(1, "p000", Vec::new());
+    let readings = store.readings(id).await.unwrap();
+    assert_eq!(readings[0].reading, record.readings[0].1);
+    assert_eq!(readings[0].instrument, record.readings[0].0);
+
+    let events = store.events(id).await.unwrap();
+    assert_eq!(events[0].event, record.events[0]);
+    assert_eq!(events[0].step, Some(StepNumber(1)));
+    assert_eq!((events[2].step, events[2].event.kind), (None, EventKind::Closed));
+}
+
+#[tokio::test]
+async fn captures_and_pictures_come_back_as_they_were_stored() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = session(store).await;
+    let captures = store.captures(id).await.unwrap();
+    let record = step(1, "p000", Vec::new()).capture.unwrap();
+    assert_eq!(captures[0].setpoints, record.setpoints);
+    assert_eq!(captures[0].readings, record.readings);
+    assert_eq!(captures[0].triggered, at(1500));
+    let cameras: Vec<_> = captures[0].pictures.iter().map(|it| it.camera.as_str()).collect();
+    assert_eq!(cameras, ["cam_a", "cam_b"]);
+    assert_eq!(captures[0].pictures[1].size_bytes, 4);
+    assert_eq!(store.picture(id, &p000(), &"cam_b".into()).await.unwrap(), b"dots");
+    let missing = store.picture(id, &p000(), &"cam_z".into()).await.unwrap_err();
+    assert!(matches!(missing, StoreError::NotFound { .. }));
+}
+
+#[tokio::test]
+async fn the_list_of_sessions_counts() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let first = session(store).await;
+    let running = SessionId::fresh();
+    store.open(&header(running)).await.unwrap();
+    let list = store.sessions().await.unwrap();
+    let counts: Vec<_> = list
+        .iter()
+        .map(|it| (it.id, it.outcome, it.steps_stored, it.captures, it.solved))
+        .collect();
+    let closed = Some(SessionOutcome::Completed);
+    assert_eq!(counts, [(first, closed, 2, 2, 0), (running, None, 0, 0, 0)]);
+    assert!(list[0].simulated);
+}
+
+#[tokio::test]
+async fn identical_pictures_are_stored_once() {
+    let fresh = fresh().await;
+    session(&fresh.store).await;
+    let blobs: i64 = sqlx::query_scalar("SELECT count(*) FROM blobs")
+        .fetch_one(&fresh.store.readers)
+        .await
+        .unwrap();
+    assert_eq!(blobs, 2);
+}
+
+#[tokio::test]
+async fn a_step_is_stored_whole_or_not_at_all() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = SessionId::fresh();
+    store.open(&header(id)).await.unwrap();
+    // The second picture of one camera breaks a rule after much of the step is written.
+    let twice = vec![picture("cam_a", b"wall"), picture("cam_a", b"dots")];
+    let error = store.step(id, &step(1, "p000", twice)).await.unwrap_err();
+    assert!(error.to_string().contains("step 1 of session"), "{error}");
+    assert!(store.steps(id).await.unwrap().is_empty());
+    assert!(store.readings(id).await.unwrap().is_empty());
+    store.step(id, &step(1, "p000", vec![picture("cam_a", b"wall")])).await.unwrap();
+}
+
+#[tokio::test]
+async fn what_is_stored_is_not_overwritten() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = session(store).await;
+    let again = store.step(id, &step(1, "p009", Vec::new())).await.unwrap_err();
+    assert!(again.reason.contains("UNIQUE"), "{again}");
+    let closed = RunSink::close(store, id, SessionOutcome::Error, &[], at(9)).await.unwrap_err();
+    assert!(closed.reason.contains("no open session"), "{closed}");
+    assert_eq!(store.session(id).await.unwrap().outcome, Some(SessionOutcome::Completed));
+}
+
+#[tokio::test]
+async fn a_setpoint_that_is_no_number_is_refused() {
+    let fresh = fresh().await;
+    let id = SessionId::fresh();
+    fresh.store.open(&header(id)).await.unwrap();
+    let mut record = step(1, "p000", Vec::new());
+    record.capture.as_mut().unwrap().setpoints.insert("rail_mm".to_owned(), f64::NAN);
+    let error = fresh.store.step(id, &record).await.unwrap_err();
+    assert!(error.reason.contains("rail_mm is NaN"), "{error}");
+}
+
+#[tokio::test]
+async fn a_failed_step_keeps_its_reason() {
+    let fresh = fresh().await;
+    let id = SessionId::fresh();
+    fresh.store.open(&header(id)).await.unwrap();
+    let mut record = step(1, "p000", Vec::new());
+    record.outcome = StepOutcome::Failed { reason: "cam_a: no answer within 5s".to_owned() };
+    fresh.store.step(id, &record).await.unwrap();
+    assert_eq!(fresh.store.steps(id).await.unwrap()[0].outcome, record.outcome);
+}
+
+#[tokio::test]
+async fn every_kind_of_event_comes_back() {
+    let fresh = fresh().await;
+    let id = SessionId::fresh();
+    fresh.store.open(&header(id)).await.unwrap();
+    let kinds = [
+        EventKind::Opened,
+        EventKind::Identified,
+        EventKind::LaserOn,
+        EventKind::LaserOff,
+        EventKind::LaserUnknown,
+        EventKind::Moved,
+        EventKind::AbortRequested,
+        EventKind::StepFailed,
+        EventKind::Closed,
+    ];
+    let events: Vec<_> = kinds.iter().map(|kind| event(*kind, "it happened")).collect();
+    RunSink::close(&fresh.store, id, SessionOutcome::Aborted, &events, at(9)).await.unwrap();
+    let stored = fresh.store.events(id).await.unwrap();
+    assert_eq!(stored.iter().map(|it| it.event.clone()).collect::<Vec<_>>(), events);
+}
+
+/// Sessions with these ids, in this order.
+async fn sessions(store: &Store, ids: &[&str]) {
+    for id in ids {
+        store.open(&header(SessionId(id.parse().unwrap()))).await.unwrap();
+    }
+}
+
+const FIRST: &str = "0195a000-0000-7000-8000-000000000001";
+const SECOND: &str = "0195b000-0000-7000-8000-000000000002";
+
+#[tokio::test]
+async fn a_session_is_found_by_id_unique_beginning_and_latest() {
+    let fresh = fresh().await;
+    // The newest has the smaller id: `latest` goes by the order in which they were made.
+    sessions(&fresh.store, &[SECOND, FIRST]).await;
+    for (wanted, found) in
+        [(FIRST, FIRST), ("0195a", FIRST), ("0195B", SECOND), (" latest ", FIRST)]
+    {
+        let id = fresh.store.find_session(wanted).await.unwrap();
+        assert_eq!(id.to_string(), found, "{wanted:?}");
+    }
+}
+
+#[tokio::test]
+async fn an_ambiguous_beginning_lists_the_candidates() {
+    let fresh = fresh().await;
+    sessions(&fresh.store, &[FIRST, SECOND]).await;
+    let error = fresh.store.find_session("0195").await.unwrap_err().to_string();
+    let expected =
+        format!("\"0195\" fits 2 sessions:\n  {FIRST}  rail test\n  {SECOND}  rail test");
+    assert_eq!(error, expected);
+}
+
+#[tokio::test]
+async fn an_unknown_beginning_names_the_nearest() {
+    let fresh = fresh().await;
+    let error = fresh.store.find_session("latest").await.unwrap_err().to_string();
+    assert_eq!(error, "there is no session in this database yet");
+    sessions(&fresh.store, &[FIRST, SECOND]).await;
+    let error = fresh.store.find_session("0196a").await.unwrap_err();
+    let StoreError::NotFound { nearest, .. } = error else { panic!("{error}") };
+    assert_eq!(nearest[0], format!("{FIRST}  rail test"));
+    assert!(fresh.store.find_session("").await.is_err());
+}
+
+#[tokio::test]
+async fn a_sound_session_verifies() {
+    let fresh = fresh().await;
+    let id = session(&fresh.store).await;
+    let found = fresh.store.verify(id).await.unwrap();
+    assert!(found.is_sound(), "{:?}", found.problems);
+    assert_eq!((found.pictures, found.bytes), (3, 12));
+}
+
+#[tokio::test]
+async fn a_corrupt_picture_is_detected_and_never_given_out() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = session(store).await;
+    sqlx::query("UPDATE blobs SET bytes = x'646f7473ff' WHERE bytes = CAST('dots' AS BLOB)")
+        .execute(&store.writer)
+        .await
+        .unwrap();
+    let error = store.picture(id, &p000(), &"cam_b".into()).await.unwrap_err();
+    let text = error.to_string();
+    assert!(matches!(error, StoreError::Damaged { .. }));
+    let start =
+        format!("the picture of cam_b in capture p000 of session {id} is damaged: its BLAKE3");
+    assert!(text.starts_with(&start), "{text}");
+    assert_eq!(store.verify(id).await.unwrap().problems, [text]);
+}
+
+#[tokio::test]
+async fn a_missing_picture_is_detected() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = session(store).await;
+    let mut connection = store.writer.acquire().await.unwrap();
+    for sql in ["PRAGMA foreign_keys = OFF", "DELETE FROM blobs WHERE id = 1"] {
+        sqlx::query(sql).execute(&mut *connection).await.unwrap();
+    }
+    let problems = store.verify(id).await.unwrap().problems;
+    assert_eq!(problems.len(), 3, "{problems:?}");
+    assert!(problems[0].ends_with("its bytes are missing"), "{problems:?}");
+    assert!(problems[2].ends_with("pictures -> blobs"), "{problems:?}");
+}

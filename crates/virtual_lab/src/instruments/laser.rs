@@ -1,0 +1,67 @@
+//! The laser: off at start, light after its emission delay.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use beampose_core::units::Second;
+use beampose_core::{Clock, Emission, Identity, Instrument, InstrumentError, Laser};
+
+use super::identity;
+use crate::world::World;
+
+/// The laser diode's driver.
+pub struct SimulatedLaser {
+    world: Arc<World>,
+    clock: Arc<dyn Clock>,
+}
+
+impl SimulatedLaser {
+    /// The world's laser.
+    #[must_use]
+    pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Self {
+        Self { world, clock }
+    }
+}
+
+#[async_trait]
+impl Instrument for SimulatedLaser {
+    async fn identify(&self) -> Result<Identity, InstrumentError> {
+        Ok(identity("laser"))
+    }
+}
+
+#[async_trait]
+impl Laser for SimulatedLaser {
+    async fn emit(&self) -> Result<(), InstrumentError> {
+        if self.emission().await == Emission::On {
+            return Ok(());
+        }
+        let delay = Second(self.world.config.diode.emission_delay_s).duration();
+        let light = self.clock.now().monotonic.saturating_add(delay);
+        self.world.live().switches.light(light);
+        self.clock.sleep(delay).await;
+        if self.emission().await == Emission::On {
+            Ok(())
+        } else {
+            Err(InstrumentError::Refused("switched off before light came out".to_owned()))
+        }
+    }
+
+    async fn off(&self) -> Result<(), InstrumentError> {
+        self.off_without_waiting();
+        Ok(())
+    }
+
+    /// On from the command on: nobody should look into it during the delay.
+    async fn emission(&self) -> Emission {
+        if self.world.live().switches.commanded() { Emission::On } else { Emission::Off }
+    }
+
+    fn off_without_waiting(&self) {
+        let now = self.clock.now().monotonic;
+        let mut live = self.world.live();
+        if live.switches.commanded() {
+            live.switches.dark(now);
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Rail and rotation stage: they take their time, and their encoders err a little.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use async_trait::async_trait;
+use beampose_core::instrument::AxisUnit;
+use beampose_core::units::Second;
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+
+use super::identity;
+use crate::config::StageConfig;
+use crate::error::WorldError;
+use crate::motion::Motion;
+use crate::stage::encoder_reading;
+use crate::streams::{Purpose, normal};
+use crate::world::{Live, World};
+
+/// What a rail and a rotation stage have in common.
+struct Stage {
+    world: Arc<World>,
+    clock: Arc<dyn Clock>,
+    config: StageConfig,
+    kind: Kind,
+    reads: AtomicU64,
+}
+
+#[derive(Clone, Copy)]
+enum Kind {
+    Rail,
+    Rotation,
+}
+
+impl Kind {
+    fn motion(self, live: &mut Live) -> &mut Motion {
+        match self {
+            Self::Rail => &mut live.rail,
+            Self::Rotation => &mut live.rotation,
+        }
+    }
+
+    const fn unit(self) -> AxisUnit {
+        match self {
+            Self::Rail => AxisUnit::Millimetre,
+            Self::Rotation => AxisUnit::Degree,
+        }
+    }
+
+    const fn symbol(self) -> &'static str {
+        match self {
+            Self::Rail => "mm",
+            Self::Rotation => "deg",
+        }
+    }
+}
+
+impl Stage {
+    async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+        let ([low, high], unit) = (self.config.limits, self.kind.symbol());
+        if !(low..=high).contains(&target) {
+            let reason = format!("{target} {unit} is outside {low} to {high} {unit}");
+            return Err(InstrumentError::Refused(reason));
+        }
+        let (command, arrival) = self.set_off(target);
+        let travel = arrival.saturating_sub(self.clock.now().monotonic);
+        self.clock.sleep(travel + Second(self.config.settle_s).duration()).await;
+        let commands = self.kind.motion(&mut self.world.live()).commands();
+        if commands == command {
+            Ok(())
+        } else {
+            Err(InstrumentError::Refused(format!("stopped on the way to {target} {unit}")))
+        }
+    }
+
+    /// Starts a move; returns its number and when it will arrive.
+    fn set_off(&self, target: f64) -> (usize, std::time::Duration) {
+        let now = self.clock.now().monotonic;
+        let purpose = match self.kind {
+            Kind::Rail => Purpose::RailStop,
+            Kind::Rotation => Purpose::RotationStop,
+        };
+        let mut live = self.world.live();
+        let motion = self.kind.motion(&mut live);
+        let mut rng = self.world.streams.item(purpose, motion.commands() as u64);
+        let stop_at = target + self.config.positioning_sigma * normal(&mut rng);
+        let arrival = motion.go(now, stop_at, self.config.speed_per_s);
+        (motion.commands(), arrival)
+    }
+
+    fn position(&self) -> Reading {
+        let at = self.clock.now();
+        let (purpose, quantity) = match self.kind {
+            Kind::Rail => (Purpose::RailEncoder, Quantity::Position),
+            Kind::Rotation => (Purpose::RotationEncoder, Quantity::Angle),
+        };
+        let read = self.reads.fetch_add(1, Ordering::SeqCst);
+        let noise = normal(&mut self.world.streams.item(purpose, read));
+        let place = self.kind.motion(&mut self.world.live()).at(at.monotonic);
+        let value = encoder_reading(&self.config, place, noise);
+        // The declared uncertainty is the rig's to add.
+        Reading { quantity, value, standard_uncertainty: None, at }
+    }
+
+    fn stop(&self) {
+        let now = self.clock.now().monotonic;
+        self.kind.motion(&mut self.world.live()).stop(now);
+    }
+}
+
+macro_rules! stage {
+    ($(#[$doc:meta])* $name:ident, $kind:ident, $field:ident, $called:literal) => {
+        $(#[$doc])*
+        pub struct $name(Stage);
+
+        impl $name {
+            /// The world's own stage of this kind.
+            ///
+            /// # Errors
+            /// [`WorldError::NoStage`] where the world has none.
+            pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Result<Self, WorldError> {
+                let config = world.config.$field.ok_or(WorldError::NoStage($called))?.stage;
+                let reads = AtomicU64::new(0);
+                Ok(Self(Stage { world, clock, config, kind: Kind::$kind, reads }))
+            }
+        }
+
+        #[async_trait]
+        impl Instrument for $name {
+            async fn identify(&self) -> Result<Identity, InstrumentError> {
+                Ok(identity($called))
+            }
+        }
+
+        #[async_trait]
+        impl Axis for $name {
+            async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+                self.0.move_to(target).await
+            }
+
+            async fn position(&self) -> Result<Reading, InstrumentError> {
+                Ok(self.0.position())
+            }
+
+            async fn stop(&self) -> Result<(), InstrumentError> {
+                self.0.stop();
+                Ok(())
+            }
+
+            fn unit(&self) -> AxisUnit {
+                self.0.kind.unit()
+            }
+        }
+    };
+}
+
+stage!(
+    /// The rail, mm.
+    SimulatedRail, Rail, rail, "rail"
+);
+stage!(
+    /// The rotation stage, degrees.
+    SimulatedRotation, Rotation, rotation, "rotation stage"
+);

@@ -1,0 +1,270 @@
+//! The world that all simulated instruments share.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
+
+use beampose_core::{Emission, Stamp};
+use beampose_photogrammetry::rotation::{from_wxyz, wxyz};
+use beampose_photogrammetry::{Beam, CalibratedCamera, GrayImage, InteriorSigma};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use crate::config::WorldConfig;
+use crate::diode::{self, Switches};
+use crate::error::WorldError;
+use crate::geometry::{View, Wall, nearest, scaled};
+use crate::motion::Motion;
+use crate::render::{self, StaticLayer};
+use crate::stage::module_pose;
+use crate::streams::Streams;
+use crate::truth::{self, DotTruth, TrueParameters, Truth};
+
+/// Everything about the module that a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModuleState {
+    /// The grating's position in the world, mm.
+    pub position: Vector3<f64>,
+    /// Module axes x right, y down, z forward.
+    pub world_from_module: UnitQuaternion<f64>,
+    /// True wavelength in vacuum, nm.
+    pub wavelength_nm: f64,
+    /// Whether it shines.
+    pub emission: Emission,
+}
+
+/// A dot as a camera sees it, without noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImagedDot {
+    /// The beam.
+    pub order: beampose_photogrammetry::Order,
+    /// The image of the point where the beam's axis meets the wall, pixels.
+    pub pixel: Vector2<f64>,
+    /// Standard deviations of its image along the principal axes (large, small), pixels.
+    pub sigma_px: [f64; 2],
+    /// Peak above the background, grey levels, before clipping.
+    pub amplitude_grey: f64,
+}
+
+/// A target as a camera sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImagedTarget {
+    /// Its code, canonical.
+    pub code: u16,
+    /// The image of its centre, pixels (not the centre of its ellipse).
+    pub pixel: Vector2<f64>,
+}
+
+/// The simulated world. Made once, shared by all its instruments.
+#[derive(Debug)]
+pub struct World {
+    pub(crate) config: WorldConfig,
+    pub(crate) streams: Streams,
+    pub(crate) truth: TrueParameters,
+    pub(crate) walls: Vec<Wall>,
+    pub(crate) cameras: Vec<PlacedCamera>,
+    live: Mutex<Live>,
+}
+
+/// A camera of the world, with what never changes in its pictures once that was rendered.
+#[derive(Debug)]
+pub(crate) struct PlacedCamera {
+    pub(crate) view: View,
+    pub(crate) layer: OnceLock<StaticLayer>,
+}
+
+/// What happened so far.
+#[derive(Debug)]
+pub(crate) struct Live {
+    pub(crate) rail: Motion,
+    pub(crate) rotation: Motion,
+    pub(crate) switches: Switches,
+}
+
+impl World {
+    /// A world as `config` declares it, with its errors drawn from `seed`; time 0 of its history is
+    /// the start of the clock whose stamps it is asked with.
+    ///
+    /// # Errors
+    /// [`WorldError::Value`] for a number that makes no sense.
+    pub fn new(config: WorldConfig, seed: u64) -> Result<Self, WorldError> {
+        config.check()?;
+        let streams = Streams::new(seed);
+        let truth = truth::draw(&config, &streams);
+        let cameras = truth
+            .cameras
+            .values()
+            .map(|camera| PlacedCamera {
+                view: View {
+                    camera: camera.interior,
+                    position: Vector3::from(camera.position_mm),
+                    world_from_camera: from_wxyz(camera.quaternion_wxyz),
+                },
+                layer: OnceLock::new(),
+            })
+            .collect();
+        let start = |stage: Option<f64>| Motion::standing_at(stage.unwrap_or(0.0));
+        let live = Live {
+            rail: start(config.rail.map(|r| r.stage.start)),
+            rotation: start(config.rotation.map(|r| r.stage.start)),
+            switches: Switches::default(),
+        };
+        let walls = config.walls.iter().map(Wall::new).collect();
+        Ok(Self { config, streams, truth, walls, cameras, live: Mutex::new(live) })
+    }
+
+    /// The configuration that the world was made from.
+    #[must_use]
+    pub fn config(&self) -> &WorldConfig {
+        &self.config
+    }
+
+    /// All errors of this world, and what follows from them.
+    #[must_use]
+    pub fn true_parameters(&self) -> &TrueParameters {
+        &self.truth
+    }
+
+    /// What a solver may be told of the cameras: their calibrations at the pictures' size.
+    #[must_use]
+    pub fn calibrations(&self) -> BTreeMap<String, CalibratedCamera> {
+        let scale = self.config.picture_scale;
+        let told = |c: &CalibratedCamera| CalibratedCamera {
+            model: scaled(&c.model, scale),
+            sigma: InteriorSigma {
+                focal_px: c.sigma.focal_px * scale,
+                principal_point_px: c.sigma.principal_point_px.map(|s| s * scale),
+            },
+        };
+        self.config.cameras.iter().map(|(n, c)| (n.clone(), told(&c.calibration))).collect()
+    }
+
+    /// The truth at a moment, past or present (the whole history is kept).
+    #[must_use]
+    pub fn truth_at(&self, at: Stamp) -> Truth {
+        let time = at.monotonic;
+        let module = self.module_at(time);
+        let live = self.live();
+        let (diode, room) = (&self.config.diode, &self.config.room);
+        Truth {
+            position_mm: module.position.into(),
+            quaternion_wxyz: wxyz(&module.world_from_module),
+            rail_mm: self.config.rail.map(|_| live.rail.at(time)),
+            rotation_deg: self.config.rotation.map(|_| live.rotation.at(time)),
+            wavelength_nm: module.wavelength_nm,
+            diode_degc: diode::diode_degc(diode, room, &live.switches, time),
+            room_degc: diode::room_degc(room, time),
+            emitting: module.emission == Emission::On,
+            dots: self.dots(&module),
+        }
+    }
+
+    /// The module as it would be with its stages' encoders at these places, mm and degrees (for
+    /// pictures without a session). A stage that the world does not have is passed over.
+    #[must_use]
+    pub fn module_state(
+        &self,
+        rail_mm: f64,
+        rotation_deg: f64,
+        wavelength_nm: f64,
+        emission: Emission,
+    ) -> ModuleState {
+        let config = &self.config;
+        let rail = config.rail.as_ref().map(|r| (r, &self.truth.rail_phases_rad, rail_mm));
+        let rotation = config.rotation.as_ref().map(|r| (r, rotation_deg));
+        let (position, world_from_module) = module_pose(&config.module, rotation, rail);
+        ModuleState { position, world_from_module, wavelength_nm, emission }
+    }
+
+    /// Every beam's direction in the module frame and where it meets a wall.
+    #[must_use]
+    pub fn dots(&self, module: &ModuleState) -> Vec<DotTruth> {
+        let dot = |beam: Beam| {
+            let along = module.world_from_module * beam.direction;
+            let hit = nearest(&self.walls, &module.position, &along);
+            DotTruth {
+                order: beam.order,
+                direction: beam.direction.into(),
+                xyz_mm: hit.map(|h| h.point.into()),
+            }
+        };
+        self.true_beams(module.wavelength_nm).into_iter().map(dot).collect()
+    }
+
+    /// Where each dot is in a camera's picture, those that fall into it.
+    ///
+    /// # Errors
+    /// [`WorldError::UnknownCamera`].
+    pub fn imaged_dots(
+        &self,
+        camera: &str,
+        module: &ModuleState,
+    ) -> Result<Vec<ImagedDot>, WorldError> {
+        Ok(render::imaged_dots(self, self.camera_index(camera)?, module))
+    }
+
+    /// Where each target's centre is in a camera's picture, those that it sees from the front.
+    ///
+    /// # Errors
+    /// [`WorldError::UnknownCamera`].
+    pub fn imaged_targets(&self, camera: &str) -> Result<Vec<ImagedTarget>, WorldError> {
+        Ok(render::imaged_targets(self, self.camera_index(camera)?))
+    }
+
+    /// A camera's picture of the module in a given state. `capture_index` chooses the noise and the
+    /// speckle: the same index gives the same picture.
+    ///
+    /// # Errors
+    /// [`WorldError::UnknownCamera`].
+    pub fn render(
+        &self,
+        camera: &str,
+        module: &ModuleState,
+        capture_index: u64,
+    ) -> Result<GrayImage, WorldError> {
+        Ok(render::render(self, self.camera_index(camera)?, module, capture_index))
+    }
+
+    /// As [`World::render`], as a JPEG file.
+    ///
+    /// # Errors
+    /// [`WorldError::UnknownCamera`], [`WorldError::Encode`].
+    pub fn render_jpeg(
+        &self,
+        camera: &str,
+        module: &ModuleState,
+        capture_index: u64,
+    ) -> Result<Vec<u8>, WorldError> {
+        let image = self.render(camera, module, capture_index)?;
+        render::jpeg(&image, self.config.picture.jpeg_quality)
+    }
+
+    /// The module at a time of the history.
+    pub(crate) fn module_at(&self, time: Duration) -> ModuleState {
+        let live = self.live();
+        let degc = diode::diode_degc(&self.config.diode, &self.config.room, &live.switches, time);
+        let wavelength_nm = diode::wavelength_nm(&self.config.diode, degc);
+        let emission = if live.switches.emitting(time) { Emission::On } else { Emission::Off };
+        let (rail_mm, rotation_deg) = (live.rail.at(time), live.rotation.at(time));
+        drop(live);
+        self.module_state(rail_mm, rotation_deg, wavelength_nm, emission)
+    }
+
+    /// The true beams at a wavelength.
+    pub(crate) fn true_beams(&self, wavelength_nm: f64) -> Vec<Beam> {
+        let pattern = &self.truth.pattern;
+        let common = 1.0 + self.truth.pattern_common_error;
+        pattern.beams((1.0 + pattern.scale_at(wavelength_nm)) * common - 1.0)
+    }
+
+    pub(crate) fn camera_index(&self, name: &str) -> Result<usize, WorldError> {
+        self.config
+            .cameras
+            .keys()
+            .position(|key| key == name)
+            .ok_or_else(|| WorldError::UnknownCamera(name.to_owned()))
+    }
+
+    pub(crate) fn live(&self) -> MutexGuard<'_, Live> {
+        self.live.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
