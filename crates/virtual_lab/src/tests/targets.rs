@@ -102,7 +102,7 @@ fn a_target_is_where_its_circle_is_projected() {
             let expected = circle_image_centre(&world, 6.0, tilt);
             let found = ink_centre(&picture(&world), expected, 15.5, paper);
             // Rounding to grey levels: 0.002 px. The eccentricity is in `expected`.
-            assert!((found - expected).norm() < 0.005, "{} px for {tilt:?}", found - expected);
+            assert!((found - expected).norm() < 0.003, "{} px for {tilt:?}", found - expected);
             let centre = world.imaged_targets("eye").unwrap()[0].pixel;
             let eccentricity = (expected - centre).norm();
             assert!(eccentricity < 0.06, "{eccentricity}");
