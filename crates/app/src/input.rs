@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use beampose_plan::{Plan, Rig, Summary, check, read_plan, read_rig};
+use beampose_plan::{
+    AsRead, Plan, Rig, Summary, check_both, read_plan_as_it_is, read_rig_as_it_is,
+};
 
 use crate::settings::Overrides;
 
@@ -24,43 +26,31 @@ pub struct Checked {
 /// Every fault, as text for people.
 pub fn checked(plan: &Path, rig: Option<&Path>, overrides: &Overrides) -> Result<Checked, String> {
     let plan_name = plan.display().to_string();
-    let plan_text = std::fs::read(plan);
-    let plan_file = bytes(&plan_name, plan_text)?;
-    let read = read_plan(&plan_name, &plan_file);
+    let plan_read = file(plan, read_plan_as_it_is);
     // A rig that the plan names is relative to the plan's folder.
-    let named = read.as_ref().ok().and_then(|p| p.rig.as_ref()).map(|rig| {
-        plan.parent().unwrap_or(Path::new("")).join(&rig.value)
-    });
-    let rig_read = match rig.map(Path::to_path_buf).or(named) {
-        Some(path) => Some(read_rig_file(&path)),
-        None => None,
-    };
-    // All faults of both files at once.
-    let (plan, (rig, rig_folder)) = match (read, rig_read) {
-        (Ok(plan), Some(Ok(rig))) => (plan, rig),
-        (Ok(_), None) => {
+    let named = plan_read.value.as_ref().and_then(|p| p.rig.as_ref());
+    let named = named.map(|rig| plan.parent().unwrap_or(Path::new("")).join(&rig.value));
+    let Some(path) = rig.map(Path::to_path_buf).or(named) else {
+        if plan_read.faults.is_empty() {
             return Err(format!(
                 "{plan_name}: no rig\n  help: name one with --rig FILE, or in the plan: `rig: FILE`"
             ));
         }
-        (Err(faults), Some(Err(more))) => return Err(format!("{faults}\n{more}")),
-        (Err(faults), _) => return Err(faults.to_string()),
-        (Ok(_), Some(Err(faults))) => return Err(faults),
+        return Err(plan_read.faults.to_string());
     };
-    let summary = check(&plan, &rig).map_err(|faults| faults.to_string())?;
-    let rig = overrides.apply(rig);
-    Ok(Checked { plan, rig, rig_folder, summary })
+    let rig_read = file(&path, read_rig_as_it_is);
+    let (plan, rig, summary) =
+        check_both(plan_read, rig_read).map_err(|faults| faults.to_string())?;
+    let rig_folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
+    Ok(Checked { plan, rig: overrides.apply(rig), rig_folder, summary })
 }
 
-fn read_rig_file(path: &Path) -> Result<(Rig, PathBuf), String> {
+fn file<T>(path: &Path, read: impl Fn(&str, &[u8]) -> AsRead<T>) -> AsRead<T> {
     let name = path.display().to_string();
-    let file = bytes(&name, std::fs::read(path))?;
-    let rig = read_rig(&name, &file).map_err(|faults| faults.to_string())?;
-    Ok((rig, path.parent().unwrap_or(Path::new("")).to_path_buf()))
-}
-
-fn bytes(name: &str, read: std::io::Result<Vec<u8>>) -> Result<Vec<u8>, String> {
-    read.map_err(|error| beampose_plan::source::unreadable(name, &error).to_string())
+    match std::fs::read(path) {
+        Ok(bytes) => read(&name, &bytes),
+        Err(error) => AsRead::unreadable(beampose_plan::source::unreadable(&name, &error)),
+    }
 }
 
 /// Reads a text file that a rig refers to.

@@ -137,8 +137,12 @@ fn solve_pictures(
         }
     }
     let before = Instant::now();
-    let mut solution = solve_capture(setup, &sightings, wavelength_nm, methods);
-    seconds.adjust = before.elapsed().as_secs_f64();
+    let mut identified = 0.0;
+    let mut solution = solve_capture(setup, &sightings, wavelength_nm, methods, &mut || {
+        identified = before.elapsed().as_secs_f64();
+    });
+    seconds.identify = identified;
+    seconds.adjust = before.elapsed().as_secs_f64() - identified;
     solution.notes.append(&mut notes);
     (solution, seconds)
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use beampose_core::units::Second;
 
 use crate::expand::expand_with_warnings;
-use crate::fault::{Fault, Faults};
+use crate::fault::{AsRead, Fault, Faults};
 use crate::hash::plan_hash;
 use crate::plan::Plan;
 use crate::rig::{Instrument, Rig};
@@ -64,6 +64,27 @@ pub fn check(plan: &Plan, rig: &Rig) -> Result<Summary, Faults> {
         steps,
         warnings,
     })
+}
+
+/// Holds a plan against a rig, both as they are: every fault of both files and of their match.
+///
+/// # Errors
+/// All faults, in the order of files and lines.
+pub fn check_both(
+    plan: AsRead<Plan>,
+    rig: AsRead<Rig>,
+) -> Result<(Plan, Rig, Summary), Faults> {
+    let mut faults = plan.faults;
+    faults.extend(rig.faults);
+    let (Some(plan), Some(rig)) = (plan.value, rig.value) else { return Err(faults) };
+    match check(&plan, &rig) {
+        Ok(summary) if faults.is_empty() => Ok((plan, rig, summary)),
+        Ok(_) => Err(faults),
+        Err(more) => {
+            faults.extend_elsewhere(more);
+            Err(faults)
+        }
+    }
 }
 
 fn cameras_of(step: &Step) -> Option<&[beampose_core::InstrumentName]> {

@@ -211,6 +211,15 @@ impl Faults {
         other.faults.into_iter().for_each(|fault| self.push(fault));
     }
 
+    /// Adds those of another collection that stand in lines which have no fault yet: a stand-in for
+    /// a broken value must not be complained of again.
+    pub(crate) fn extend_elsewhere(&mut self, other: Self) {
+        let taken: std::collections::BTreeSet<(String, u32)> =
+            self.faults.iter().map(|f| (f.file.clone(), f.mark.line)).collect();
+        let free = |f: &Fault| !taken.contains(&(f.file.clone(), f.mark.line));
+        other.faults.into_iter().filter(free).for_each(|fault| self.push(fault));
+    }
+
     /// The faults, sorted by file and place.
     #[must_use]
     pub fn sorted(&self) -> Vec<&Fault> {
@@ -246,6 +255,23 @@ impl Faults {
                 Err(self)
             }
         }
+    }
+}
+
+/// What a file says as far as it can be understood, and what is wrong with it.
+#[derive(Debug, Clone)]
+pub struct AsRead<T> {
+    /// With stand-ins where a value is broken; nothing where the file is no plan or rig at all.
+    pub value: Option<T>,
+    /// What is wrong.
+    pub faults: Faults,
+}
+
+impl<T> AsRead<T> {
+    /// A file that could not even be read.
+    #[must_use]
+    pub fn unreadable(fault: Fault) -> Self {
+        Self { value: None, faults: fault.into() }
     }
 }
 

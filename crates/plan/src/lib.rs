@@ -22,11 +22,11 @@ mod suggest;
 mod timing;
 mod tree;
 
-pub use check::{Summary, check};
+pub use check::{Summary, check, check_both};
 pub use expand::expand;
-pub use fault::{At, Fault, Faults, Mark, Severity, Source};
+pub use fault::{AsRead, At, Fault, Faults, Mark, Severity, Source};
 pub use hash::plan_hash;
-pub use plan::{Accept, Analyse, Experiment, Limits, Method, Plan, read_plan};
-pub use rig::{ClockKind, Instrument, Rig, read_rig};
+pub use plan::{Accept, Analyse, Experiment, Limits, Method, Plan, read_plan, read_plan_as_it_is};
+pub use rig::{ClockKind, Instrument, Rig, read_rig, read_rig_as_it_is};
 pub use schema::{plan_schema, rig_schema};
 pub use step::{Action, Section, Step};

@@ -1,13 +1,15 @@
 //! Broken plans and rigs, each with the message that an experimenter sees.
 //!
-//! To add one: a file in `broken/` whose name begins with `plan-`, `rig-`, or `check-` (a plan that
-//! is sound but not with the default rig), and its snapshot.
+//! To add one: a file in `broken/` whose name begins with `plan-`, `rig-`, `check-` (a plan that
+//! is sound but not with the default rig) or `both-` (a plan that is neither), and its snapshot.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests stop the test")]
 
 use std::path::{Path, PathBuf};
 
-use beampose_plan::{Faults, check, read_plan, read_rig, source};
+use beampose_plan::{
+    Faults, check, check_both, read_plan, read_plan_as_it_is, read_rig, read_rig_as_it_is, source,
+};
 
 fn here() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/broken")
@@ -58,6 +60,17 @@ fn a_sound_plan_is_refused_with_a_rig_that_cannot_do_it() {
             Err(faults) => faults.to_string(),
         };
         snapshot(&name, &shown);
+    }
+}
+
+#[test]
+fn faults_of_a_plan_and_of_its_match_with_a_rig_come_together() {
+    let rig = here().join("../../../../experiments/rigs/simulated.yaml");
+    let rig = std::fs::read(rig).unwrap();
+    for (name, bytes) in files("both-") {
+        let plan = read_plan_as_it_is(&name, &bytes);
+        let faults = check_both(plan, read_rig_as_it_is("simulated.yaml", &rig)).unwrap_err();
+        snapshot(&name, &faults.to_string());
     }
 }
 

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use beampose_photogrammetry::solve::Method;
-use beampose_store::Store;
+use beampose_store::{Store, StoreError};
 use clap::{Parser, Subcommand};
 
 use crate::output::{Exit, complain};
@@ -76,8 +76,12 @@ impl Database {
     ///
     /// # Errors
     /// Why it cannot be opened.
-    pub async fn open(&self) -> anyhow::Result<Arc<Store>> {
-        Ok(Arc::new(Store::open(&beampose_store::path_of(&self.db)).await?))
+    pub async fn open(&self) -> Result<Arc<Store>, Ended> {
+        match Store::open(&beampose_store::path_of(&self.db)).await {
+            Ok(store) => Ok(Arc::new(store)),
+            Err(busy @ StoreError::Busy { .. }) => Err(busy.into()),
+            Err(error) => Err(Ended::input(error.to_string())),
+        }
     }
 
     /// Opens it if it exists: a command that only reads makes none.
@@ -92,7 +96,7 @@ impl Database {
                 path.display()
             )));
         }
-        Ok(self.open().await?)
+        self.open().await
     }
 }
 

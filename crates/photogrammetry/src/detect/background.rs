@@ -59,8 +59,16 @@ impl Background {
         let right = (column + 1).min(self.columns - 1);
         let below = (row + 1).min(self.rows - 1);
         let mix = |values: &[f64]| {
-            let upper = lerp(values[row * self.columns + column], values[row * self.columns + right], across);
-            let lower = lerp(values[below * self.columns + column], values[below * self.columns + right], across);
+            let upper = lerp(
+                values[row * self.columns + column],
+                values[row * self.columns + right],
+                across,
+            );
+            let lower = lerp(
+                values[below * self.columns + column],
+                values[below * self.columns + right],
+                across,
+            );
             lerp(upper, lower, down)
         };
         (mix(&self.level), mix(&self.noise).max(self.typical_noise))

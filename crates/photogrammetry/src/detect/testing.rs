@@ -130,7 +130,13 @@ impl Canvas {
 
     /// Adds spots with speckle of a contrast whose grains have the autocorrelation
     /// `exp(-pi d^2 / g)` (log-normal intensity, as a sum of several patterns nearly has).
-    pub(super) fn spots(self, spots: &[Spot], contrast: f64, grain_area: f64, normal: &mut Normal) -> Self {
+    pub(super) fn spots(
+        self,
+        spots: &[Spot],
+        contrast: f64,
+        grain_area: f64,
+        normal: &mut Normal,
+    ) -> Self {
         let (width, height) = (self.width, self.height);
         let spread = (1.0 + contrast * contrast).ln().sqrt();
         let field = grains(width, height, grain_area, normal);
@@ -167,7 +173,8 @@ impl Canvas {
 
     /// Adds noise and rounds.
     pub(super) fn shoot(&self, noise: f64, normal: &mut Normal) -> GrayImage {
-        let data = self.values.iter().map(|v| (v + noise * normal.next()).round().clamp(0.0, 255.0) as u8);
+        let data =
+            self.values.iter().map(|v| (v + noise * normal.next()).round().clamp(0.0, 255.0) as u8);
         GrayImage { width: self.width, height: self.height, data: data.collect() }
     }
 }
@@ -189,10 +196,18 @@ fn smooth(values: &[f64], width: usize, height: usize, sigma: f64) -> Vec<f64> {
         (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma.max(1e-6)).powi(2)).exp()).collect();
     let total: f64 = kernel.iter().sum();
     kernel.iter_mut().for_each(|w| *w /= total);
-    let at = |i: usize, k: usize, size: usize| (i as i64 + k as i64 - reach).clamp(0, size as i64 - 1) as usize;
+    let at = |i: usize, k: usize, size: usize| {
+        (i as i64 + k as i64 - reach).clamp(0, size as i64 - 1) as usize
+    };
     let pass = |from: &[f64], index: &dyn Fn(usize, usize, usize) -> usize| -> Vec<f64> {
         (0..width * height)
-            .map(|i| kernel.iter().enumerate().map(|(k, w)| w * from[index(i % width, i / width, k)]).sum())
+            .map(|i| {
+                kernel
+                    .iter()
+                    .enumerate()
+                    .map(|(k, w)| w * from[index(i % width, i / width, k)])
+                    .sum()
+            })
             .collect()
     };
     let rows = pass(values, &|x, y, k| y * width + at(x, k, width));

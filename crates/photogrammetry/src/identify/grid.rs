@@ -35,7 +35,44 @@ pub fn label_grid(points: &[Vector2<f64>]) -> Vec<Option<Cell>> {
             break;
         }
     }
+    unshear(&mut best);
     best
+}
+
+/// Undoes a shear: beside a hidden dot the seed may have taken a diagonal for a side. The whole
+/// pattern is a rectangle, so the labels that fill the smallest one are the right ones.
+fn unshear(labels: &mut [Option<Cell>]) {
+    let shears = [-2, -1, 1, 2].map(|k| [(k, 0), (0, k)]).concat();
+    loop {
+        let now = bounding_area(labels.iter().flatten().copied());
+        let sheared = |(a, b): (i32, i32)| move |(i, j): Cell| (i + a * j, j + b * i);
+        let best = shears
+            .iter()
+            .map(|s| (bounding_area(labels.iter().flatten().copied().map(sheared(*s))), *s))
+            .min();
+        match best {
+            Some((area, shear)) if area < now => {
+                labels.iter_mut().flatten().for_each(|cell| *cell = sheared(shear)(*cell));
+            }
+            _ => return,
+        }
+    }
+}
+
+/// Cells of the smallest rectangle around some cells; a row or column of one cell, which may be a
+/// stray, does not count.
+fn bounding_area(cells: impl Iterator<Item = Cell>) -> i64 {
+    let (mut rows, mut columns) = (BTreeMap::<i32, u32>::new(), BTreeMap::<i32, u32>::new());
+    for (i, j) in cells {
+        *columns.entry(i).or_default() += 1;
+        *rows.entry(j).or_default() += 1;
+    }
+    let span = |counts: &BTreeMap<i32, u32>| {
+        let mut full = counts.iter().filter(|(_, n)| **n > 1).map(|(at, _)| i64::from(*at));
+        let first = full.next();
+        first.map_or(0, |first| full.next_back().unwrap_or(first) - first + 1)
+    };
+    span(&rows) * span(&columns)
 }
 
 /// Points in order of their distance from the middle: there a grid is whole and even.
@@ -232,6 +269,14 @@ mod tests {
     fn hidden_dots_and_strays_are_survived() {
         let (points, truth) = picture(23.0, 4, 15);
         check(&points, &truth, 85);
+    }
+
+    #[test]
+    fn a_sheared_labelling_is_undone() {
+        let square = || (-5..=5).flat_map(|j| (-5..=5).map(move |i| (i, j)));
+        let mut labels: Vec<Option<Cell>> = square().map(|(i, j)| Some((i, j + i))).collect();
+        unshear(&mut labels);
+        assert_eq!(labels, square().map(Some).collect::<Vec<_>>());
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::scene::Setup;
 
 /// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
 const UNREAD_WAVELENGTH: f64 = 6e-4;
-/// Residual, in pixels, beyond which a dot's label is taken to be wrong before anything is weighed.
+/// Fewer dots in space than this do not fix six unknowns with anything to spare.
 const FEWEST_BEAMS: usize = 6;
 
 /// What one camera saw in one capture.
@@ -36,17 +36,22 @@ pub struct Sighting {
 /// Solves one capture.
 ///
 /// `sightings` are keyed by camera name; `wavelength_nm` is the reading at the capture, if there is
-/// one. Every method of `methods` has a result, be it the reason why there is no pose.
+/// one. Every method of `methods` has a result, be it the reason why there is no pose. `identified`
+/// is called when cameras are oriented and beams named, before the adjustment: nothing here reads a
+/// clock, but the caller may.
 #[must_use]
 pub fn solve_capture(
     setup: &Setup,
     sightings: &BTreeMap<String, Sighting>,
     wavelength_nm: Option<f64>,
     methods: &[Method],
+    identified: &mut dyn FnMut(),
 ) -> CaptureSolution {
     let (cameras, mut notes) = orient(setup, sightings);
     let scale = fan_scale(setup, wavelength_nm);
-    let outcome = located(setup, &cameras, scale, methods);
+    let labels = label(setup, &cameras);
+    identified();
+    let outcome = labels.and_then(|labels| located(setup, &cameras, labels, scale, methods));
     match outcome {
         Ok(mut solution) => {
             notes.append(&mut solution.notes);
@@ -95,16 +100,18 @@ fn fan_scale(setup: &Setup, wavelength_nm: Option<f64>) -> (f64, f64) {
 fn located(
     setup: &Setup,
     cameras: &[Oriented<'_>],
+    mut labels: Vec<Vec<Option<Order>>>,
     scale: (f64, f64),
     methods: &[Method],
 ) -> Result<CaptureSolution, String> {
-    if cameras.len() < 2 {
-        return Err(format!("{} of {} cameras oriented", cameras.len(), setup.cameras.len()));
-    }
-    let mut labels = label(setup, cameras)?;
     // Once with the cameras alone: dots in space, and outliers out.
     let mut scene = build(setup, cameras, &labels, None);
     let mut summary = adjust(&mut scene.problem, &Options::default()).map_err(in_words)?;
+    scene.dot_variance = dot_variance(&scene, &summary).max(1.0);
+    if scene.dot_variance > 1.0 {
+        scene.apply_dot_variance();
+        summary = adjust(&mut scene.problem, &Options::default()).map_err(in_words)?;
+    }
     let labelled = turned(setup, &scene, &summary, scale.0)?;
     relabel(&mut labels, &mut scene, &labelled);
     // Outliers found once stay out of what follows.
@@ -141,6 +148,9 @@ fn in_words(error: crate::adjust::AdjustError) -> String {
 
 /// Beams of all dots, up to a quarter turn.
 fn label(setup: &Setup, cameras: &[Oriented<'_>]) -> Result<Vec<Vec<Option<Order>>>, String> {
+    if cameras.len() < 2 {
+        return Err(format!("{} of {} cameras oriented", cameras.len(), setup.cameras.len()));
+    }
     let views: Vec<View> = cameras
         .iter()
         .map(|c| {
@@ -160,6 +170,49 @@ fn label(setup: &Setup, cameras: &[Oriented<'_>]) -> Result<Vec<Vec<Option<Order
             camera.dots.iter().map(|n| n.and_then(|_| labels.next().flatten())).collect()
         })
         .collect())
+}
+
+/// The variance component of the dots: how many times larger the squares of their residuals are
+/// than their covariances let expect. Speckle that a picture's own noise model does not see whole
+/// (dots of few grains) shows here.
+///
+/// A dot in k cameras has `2 k - 3` redundant coordinates; the cameras take their share of all
+/// redundancy, of that of dots and targets alike.
+fn dot_variance(scene: &Scene, summary: &Summary) -> f64 {
+    let problem = &scene.problem;
+    let used = |i: &usize| summary.outlier_images.binary_search(i).is_err();
+    let mut rays = vec![0_usize; problem.points.len()];
+    let (mut chi2, mut all) = (0.0, 0_usize);
+    for i in (0..problem.images.len()).filter(used) {
+        let o = &problem.images[i];
+        rays[o.point] += 2;
+        if let (Subject::Dot(_), Some(r)) = (scene.subjects[o.point], residual(scene, i)) {
+            chi2 += (r.transpose() * o.information * r).x;
+        }
+    }
+    problem.controls.iter().for_each(|c| rays[c.point] += 3);
+    let mut of_dots = 0;
+    for (subject, rows) in scene.subjects.iter().zip(&rays) {
+        let redundant = rows.saturating_sub(3);
+        all += redundant;
+        of_dots += if matches!(subject, Subject::Dot(_)) { redundant } else { 0 };
+    }
+    if of_dots < FEWEST_REDUNDANT {
+        return 1.0;
+    }
+    let share = (summary.redundancy as f64 / all as f64).min(1.0);
+    chi2 / (of_dots as f64 * share)
+}
+
+/// With fewer redundant coordinates than this a variance component is mostly chance.
+const FEWEST_REDUNDANT: usize = 40;
+
+/// Observed minus computed of an image point. `None` where the point has no image.
+fn residual(scene: &Scene, image: usize) -> Option<Vector2<f64>> {
+    let o = &scene.problem.images[image];
+    let camera = &scene.problem.cameras[o.camera];
+    let in_camera = camera.station.station_point(&scene.problem.points[o.point]);
+    Some(o.at - camera.corrected().project(&in_camera)?)
 }
 
 /// The dots of a scene that took part, with their places.
@@ -284,6 +337,8 @@ fn by_virtual_camera(
         camera.correction = before.correction;
     }
     scene.problem.artefact_scale = adjusted.problem.artefact_scale;
+    scene.dot_variance = adjusted.dot_variance;
+    scene.apply_dot_variance();
     add_beams(setup, &mut scene);
     let summary = adjust(&mut scene.problem, &Options::default()).map_err(in_words)?;
     let station = &scene.problem.modules[0].station;
@@ -362,16 +417,14 @@ fn camera_solutions(
         })
         .collect();
     for (i, o) in scene.problem.images.iter().enumerate() {
-        let adjusted = &scene.problem.cameras[o.camera];
-        let in_camera = adjusted.station.station_point(&scene.problem.points[o.point]);
-        let Some(computed) = adjusted.corrected().project(&in_camera) else { continue };
+        let Some(residual) = residual(scene, i) else { continue };
         let covariance = o.information.try_inverse().unwrap_or_default();
         if let Some(camera) = solved.get_mut(cameras[o.camera].name) {
             camera.observations.push(Observation {
                 subject: scene.subjects[o.point],
                 at: o.at.into(),
                 covariance: std::array::from_fn(|r| std::array::from_fn(|c| covariance[(r, c)])),
-                residual: (o.at - computed).into(),
+                residual: residual.into(),
                 used: summary.outlier_images.binary_search(&i).is_err(),
             });
         }

@@ -20,6 +20,19 @@ pub(super) struct Scene {
     pub problem: Problem,
     /// What each point is.
     pub subjects: Vec<Subject>,
+    /// By what the dots' covariances are multiplied: their variance component.
+    pub dot_variance: f64,
+}
+
+impl Scene {
+    /// Multiplies the covariances of the dots' image points by the variance component.
+    pub fn apply_dot_variance(&mut self) {
+        for observation in &mut self.problem.images {
+            if is_dot(self.subjects[observation.point]) {
+                observation.information /= self.dot_variance;
+            }
+        }
+    }
 }
 
 /// The sightings of one subject: (camera, image point).
@@ -33,7 +46,11 @@ pub(super) fn build(
     labels: &[Vec<Option<Order>>],
     module: Option<(&Station, &dyn Fn(Order) -> Option<Vector2<f64>>)>,
 ) -> Scene {
-    let mut scene = Scene { problem: cameras_of(setup, cameras), subjects: Vec::new() };
+    let mut scene = Scene {
+        problem: cameras_of(setup, cameras),
+        subjects: Vec::new(),
+        dot_variance: 1.0,
+    };
     scene.problem.artefact_scale_sigma = setup.artefact.scale_relative_u;
     for (subject, seen) in sightings(setup, cameras, labels) {
         let control = control(setup, subject);

@@ -11,7 +11,7 @@ use serde::Serialize;
 pub use file::{Experiment, Limits, Method, PlanFile, Switch};
 pub(crate) use validate::axis_key;
 
-use crate::fault::{At, Fault, Faults, Mark, Source};
+use crate::fault::{AsRead, At, Fault, Faults, Mark, Source};
 use crate::quantity::AxisPosition;
 
 /// The version of the plan format that this program reads.
@@ -124,10 +124,22 @@ pub struct Accept {
 /// # Errors
 /// Every fault that the text has.
 pub fn read_plan(name: &str, bytes: &[u8]) -> Result<Plan, Faults> {
-    let source = crate::source::utf8(name, bytes)?;
-    let (file, mut reader) = crate::reader::document::<PlanFile>(&source)?;
+    let AsRead { value, faults } = read_plan_as_it_is(name, bytes);
+    faults.into_result(value, name)
+}
+
+/// Reads a plan as far as it can be understood: beside its faults, what the rest says, so that it
+/// can be held against a rig all the same. See [`crate::check_both`].
+#[must_use]
+pub fn read_plan_as_it_is(name: &str, bytes: &[u8]) -> AsRead<Plan> {
+    let read = crate::source::utf8(name, bytes)
+        .map_err(Faults::from)
+        .and_then(|source| crate::reader::document::<PlanFile>(&source));
+    let (file, mut reader) = match read {
+        Ok(read) => read,
+        Err(faults) => return AsRead { value: None, faults },
+    };
     let plan = file.and_then(|file| validate::plan(file, &mut reader));
     let warnings = reader.unused_parameters();
-    let plan = plan.map(|plan| Plan { warnings, ..plan });
-    reader.faults.into_result(plan, name)
+    AsRead { value: plan.map(|plan| Plan { warnings, ..plan }), faults: reader.faults }
 }

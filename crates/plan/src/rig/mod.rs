@@ -13,7 +13,7 @@ pub use instruments::{Instrument, SIMULATED};
 pub use measurement::Measurement;
 pub use simulation::Simulation;
 
-use crate::fault::{At, Faults, Source};
+use crate::fault::{AsRead, At, Faults, Source};
 use crate::reader::{Maybe, Needed};
 
 /// The version of the rig format that this program reads.
@@ -113,8 +113,21 @@ impl Rig {
 /// # Errors
 /// Every fault that the text has.
 pub fn read_rig(name: &str, bytes: &[u8]) -> Result<Rig, Faults> {
-    let source = crate::source::utf8(name, bytes)?;
-    let (file, mut reader) = crate::reader::document::<RigFile>(&source)?;
-    let rig = file.and_then(|file| validate::rig(file, &mut reader));
-    reader.faults.into_result(rig, name)
+    let AsRead { value, faults } = read_rig_as_it_is(name, bytes);
+    faults.into_result(value, name)
+}
+
+/// Reads a rig as far as it can be understood, as [`crate::plan::read_plan_as_it_is`] a plan.
+#[must_use]
+pub fn read_rig_as_it_is(name: &str, bytes: &[u8]) -> AsRead<Rig> {
+    let read = crate::source::utf8(name, bytes)
+        .map_err(Faults::from)
+        .and_then(|source| crate::reader::document::<RigFile>(&source));
+    match read {
+        Ok((file, mut reader)) => {
+            let value = file.and_then(|file| validate::rig(file, &mut reader));
+            AsRead { value, faults: reader.faults }
+        }
+        Err(faults) => AsRead { value: None, faults },
+    }
 }

@@ -134,7 +134,14 @@ pub(super) struct Collector {
 impl Collector {
     /// An empty one.
     pub(super) fn new(max_extent: f64) -> Self {
-        Self { max_extent, row: 0, components: Vec::new(), recent: Vec::new(), row_start: 0, cursor: 0 }
+        Self {
+            max_extent,
+            row: 0,
+            components: Vec::new(),
+            recent: Vec::new(),
+            row_start: 0,
+            cursor: 0,
+        }
     }
 
     /// Must be called before the runs of a row, rows in ascending order.
@@ -205,7 +212,9 @@ impl Collector {
             .enumerate()
             .filter(|(index, component)| {
                 let extent = (component.x[1] - component.x[0]).max(component.y[1] - component.y[0]);
-                component.parent == *index && component.sums.count >= 3.0 && extent as f64 <= max_extent
+                component.parent == *index
+                    && component.sums.count >= 3.0
+                    && extent as f64 <= max_extent
             })
             .map(|(_, component)| Candidate::from_sums(&component.sums))
             .collect();

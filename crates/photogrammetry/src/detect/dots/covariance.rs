@@ -18,7 +18,8 @@ pub(super) fn of_centre(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Opt
     let gaussian = &fit.gaussian;
     let weighting = Weighting::new(fit, noise, true);
     let inverse = fit.normal.try_inverse()?;
-    let q = Matrix2::new(gaussian.q[0], gaussian.q[1], gaussian.q[1], gaussian.q[2]).try_inverse()?;
+    let q =
+        Matrix2::new(gaussian.q[0], gaussian.q[1], gaussian.q[1], gaussian.q[2]).try_inverse()?;
     let to_centre = q * inverse.fixed_rows::<2>(1);
     let has_speckle = noise.speckle_contrast * gaussian.amplitude > NO_SPECKLE * noise.read_noise;
     if !has_speckle || noise.grain_area <= 1.0 {
@@ -32,7 +33,15 @@ pub(super) fn of_centre(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Opt
             let u = u + i as f64;
             let pixel = f64::from(pixel);
             let w = weighting.of(pixel, f, pixel - gaussian.background - f);
-            let row = nalgebra::SVector::<f64, 7>::from([f, f * u, f * v, f * u * u, f * u * v, f * v * v, 1.0]);
+            let row = nalgebra::SVector::<f64, 7>::from([
+                f,
+                f * u,
+                f * v,
+                f * u * u,
+                f * u * v,
+                f * v * v,
+                1.0,
+            ]);
             let k: Vector2<f64> = to_centre * row * w;
             let background = noise.read_noise.powi(2) * noise.background_correlation;
             white += k * k.transpose() * (background + noise.photon_gain * f);
@@ -54,7 +63,8 @@ fn grain_sum(influence: &[Vec<f64>; 2], width: usize, grain_area: f64) -> Matrix
         let rows = smooth_rows(&influence[axis], width, &weights);
         smooth_columns(&rows, width, &weights)
     });
-    let sum = |a: usize, b: usize| influence[a].iter().zip(&smooth[b]).map(|(x, y)| x * y).sum::<f64>();
+    let sum =
+        |a: usize, b: usize| influence[a].iter().zip(&smooth[b]).map(|(x, y)| x * y).sum::<f64>();
     let mixed = 0.5 * (sum(0, 1) + sum(1, 0));
     Matrix2::new(sum(0, 0), mixed, mixed, sum(1, 1))
 }

@@ -105,7 +105,14 @@ impl Weighting {
         let variance = self.noise.read_noise * self.noise.read_noise
             + f * (self.noise.photon_gain + self.effective_contrast * f);
         let is_dirt = f < self.skirt && e * e > self.clip * variance;
-        if is_dirt || pixel >= self.ceiling || pixel - e > self.ceiling - 3.0 * self.noise.read_noise { 0.0 } else { 1.0 / variance }
+        if is_dirt
+            || pixel >= self.ceiling
+            || pixel - e > self.ceiling - 3.0 * self.noise.read_noise
+        {
+            0.0
+        } else {
+            1.0 / variance
+        }
     }
 }
 
@@ -132,7 +139,12 @@ pub(super) fn fit_candidate(
 }
 
 /// Fits a known dot again under another noise.
-pub(super) fn fit_again(image: &GrayImage, fit: &Fit, noise: &NoiseModel, limits: &FitLimits) -> Option<Fit> {
+pub(super) fn fit_again(
+    image: &GrayImage,
+    fit: &Fit,
+    noise: &NoiseModel,
+    limits: &FitLimits,
+) -> Option<Fit> {
     let window = window_of(image, &fit.gaussian)?;
     let fit = iterate(image, Fit { window, ..*fit }, noise, Stage::Final)?;
     limits.accept(&fit.gaussian, noise, image).then_some(fit)
@@ -226,7 +238,13 @@ struct RowMoments {
     r: f64,
 }
 
-fn row_moments(mut u: f64, pixels: &[u8], model: &[f64], background: f64, weighting: &Weighting) -> RowMoments {
+fn row_moments(
+    mut u: f64,
+    pixels: &[u8],
+    model: &[f64],
+    background: f64,
+    weighting: &Weighting,
+) -> RowMoments {
     let mut sums = RowMoments::default();
     for (&pixel, &f) in pixels.iter().zip(model) {
         let pixel = f64::from(pixel);

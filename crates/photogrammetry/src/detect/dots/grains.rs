@@ -7,8 +7,20 @@ use crate::image::GrayImage;
 
 /// Lags at which residuals are compared: along rows, columns and diagonals.
 const LAGS: [(usize, usize); 14] = [
-    (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2),
-    (2, 2), (3, 0), (0, 3), (4, 0), (0, 4), (6, 0), (0, 6),
+    (1, 0),
+    (0, 1),
+    (1, 1),
+    (2, 0),
+    (0, 2),
+    (2, 1),
+    (1, 2),
+    (2, 2),
+    (3, 0),
+    (0, 3),
+    (4, 0),
+    (0, 4),
+    (6, 0),
+    (0, 6),
 ];
 /// Only pixels brighter than this part of the amplitude, and than so many times the read noise,
 /// show grains.
@@ -77,7 +89,12 @@ fn misfit(lags: &[Lag], area: f64, contrast2: f64) -> f64 {
 /// A bright pixel: residual, intensity, leverage.
 type CorePixel = (f64, f64, [f64; PARAMETERS]);
 
-fn core_pixels(image: &GrayImage, fit: &Fit, least: f64, present: &NoiseModel) -> Option<Vec<Option<CorePixel>>> {
+fn core_pixels(
+    image: &GrayImage,
+    fit: &Fit,
+    least: f64,
+    present: &NoiseModel,
+) -> Option<Vec<Option<CorePixel>>> {
     let gaussian = &fit.gaussian;
     let weighting = Weighting::new(fit, present, true);
     let leverage = Leverage::new(fit)?;
@@ -93,7 +110,13 @@ fn core_pixels(image: &GrayImage, fit: &Fit, least: f64, present: &NoiseModel) -
     Some(core)
 }
 
-fn add_lags(image: &GrayImage, fit: &Fit, noise: &NoiseModel, present: &NoiseModel, lags: &mut [Lag]) {
+fn add_lags(
+    image: &GrayImage,
+    fit: &Fit,
+    noise: &NoiseModel,
+    present: &NoiseModel,
+    lags: &mut [Lag],
+) {
     let least = (CORE * fit.gaussian.amplitude).max(CORE_IN_NOISE * noise.read_noise);
     let Some(core) = core_pixels(image, fit, least, present) else { return };
     let width = fit.window.width();

@@ -5,7 +5,6 @@
 //! every dot is then fitted again under that noise and gets its covariance ([`covariance`]). Which
 //! beam made a dot is not asked here, and stray reflections are returned like any other dot.
 
-
 mod components;
 mod covariance;
 mod fit;
@@ -94,7 +93,13 @@ impl NoiseModel {
     /// Noise that is the same everywhere.
     #[must_use]
     pub fn white(read_noise: f64) -> Self {
-        Self { read_noise, photon_gain: 0.0, speckle_contrast: 0.0, grain_area: 1.0, background_correlation: 1.0 }
+        Self {
+            read_noise,
+            photon_gain: 0.0,
+            speckle_contrast: 0.0,
+            grain_area: 1.0,
+            background_correlation: 1.0,
+        }
     }
 
     /// Variance of one pixel of intensity f, square grey levels.
@@ -117,10 +122,9 @@ pub struct DotsFound {
 #[must_use]
 pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
     let scanned = scan::scan(image, options);
-    let start = options.noise.unwrap_or(NoiseModel {
-        speckle_contrast: 0.1,
-        ..NoiseModel::white(scanned.noise)
-    });
+    let start = options
+        .noise
+        .unwrap_or(NoiseModel { speckle_contrast: 0.1, ..NoiseModel::white(scanned.noise) });
     let limits = FitLimits::new(options);
     let mut fits = first_fits(image, &scanned.candidates, &start, &limits);
     let noise = match options.noise {
@@ -165,7 +169,12 @@ fn first_fits(
 
 /// Noise from residuals and fits under that noise, in turns: two for clean pictures, more where
 /// speckle makes the one depend on the other.
-fn refine_noise(image: &GrayImage, fits: &mut Vec<Fit>, start: &NoiseModel, limits: &FitLimits) -> NoiseModel {
+fn refine_noise(
+    image: &GrayImage,
+    fits: &mut Vec<Fit>,
+    start: &NoiseModel,
+    limits: &FitLimits,
+) -> NoiseModel {
     let mut noise = *start;
     for round in 0..4 {
         let next = noise::estimate(image, fits, &noise);
@@ -176,7 +185,10 @@ fn refine_noise(image: &GrayImage, fits: &mut Vec<Fit>, start: &NoiseModel, limi
             break;
         }
     }
-    NoiseModel { background_correlation: rough::background_correlation(image, fits, &noise), ..noise }
+    NoiseModel {
+        background_correlation: rough::background_correlation(image, fits, &noise),
+        ..noise
+    }
 }
 
 fn refit(image: &GrayImage, fits: &[Fit], noise: &NoiseModel, limits: &FitLimits) -> Vec<Fit> {
@@ -190,7 +202,10 @@ fn measure(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Option<Dot> {
     let sigma = fit.gaussian.sigma();
     let is_measured = covariance.determinant() > 0.0 && covariance.trace().sqrt() < sigma[0];
     is_measured.then(|| Dot {
-        point: ImagePoint { at: nalgebra::Vector2::new(fit.gaussian.x, fit.gaussian.y), covariance },
+        point: ImagePoint {
+            at: nalgebra::Vector2::new(fit.gaussian.x, fit.gaussian.y),
+            covariance,
+        },
         amplitude: fit.gaussian.amplitude,
         background: fit.gaussian.background,
         sigma,
@@ -203,10 +218,12 @@ fn measure(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Option<Dot> {
 fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions) {
     let mut exponents: Vec<f64> = dots.iter().map(|dot| dot.quality.shape_exponent).collect();
     exponents.sort_by(f64::total_cmp);
-    let usual = if exponents.len() < 9 { 1.0 } else { exponents[exponents.len() / 2].clamp(0.7, 1.4) };
+    let usual =
+        if exponents.len() < 9 { 1.0 } else { exponents[exponents.len() / 2].clamp(0.7, 1.4) };
     dots.retain(|dot| {
         let quality = &dot.quality;
-        (quality.shape_exponent - usual).abs() <= options.max_shape_departure + 4.0 * quality.shape_sigma
+        (quality.shape_exponent - usual).abs()
+            <= options.max_shape_departure + 4.0 * quality.shape_sigma
             && quality.reduced_chi_square <= options.max_reduced_chi_square
             && quality.core_ratio >= options.min_core_ratio
     });

@@ -28,10 +28,13 @@ pub(super) fn background_correlation(image: &GrayImage, fits: &[Fit], noise: &No
             let distance = DISTANCE * large + side * (1.6 + 2.4 * (i % 2) as f64);
             let (x, y) = (fit.gaussian.x + distance * cos, fit.gaussian.y + distance * sin);
             let clear = (DISTANCE * large + 1.5 * side).powi(2);
-            if fits.iter().any(|other| (other.gaussian.x - x).powi(2) + (other.gaussian.y - y).powi(2) < clear) {
+            if fits.iter().any(|other| {
+                (other.gaussian.x - x).powi(2) + (other.gaussian.y - y).powi(2) < clear
+            }) {
                 continue;
             }
-            let boxes = [(x - side, y - side), (x, y - side), (x - side, y)].map(|at| box_sum(image, at, side as usize));
+            let boxes = [(x - side, y - side), (x, y - side), (x - side, y)]
+                .map(|at| box_sum(image, at, side as usize));
             if let [Some(here), Some(right), Some(below)] = boxes {
                 let expected = std::f64::consts::SQRT_2 * side * noise.read_noise;
                 departures.push((right - here).abs() / expected);

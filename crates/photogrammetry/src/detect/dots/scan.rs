@@ -4,8 +4,8 @@
 //! where one exceeds its threshold are pixels looked at.
 
 use super::DotOptions;
-use crate::detect::background::Background;
 use super::components::{Candidate, Collector, Run};
+use crate::detect::background::Background;
 use crate::image::GrayImage;
 
 /// Pixels of a row that share a threshold and are compared at once.
@@ -45,7 +45,12 @@ pub(super) fn scan(image: &GrayImage, options: &DotOptions) -> Scanned {
     Scanned { candidates: collector.finish(), noise }
 }
 
-fn block_levels(image: &GrayImage, background: &Background, y: usize, options: &DotOptions) -> Vec<Level> {
+fn block_levels(
+    image: &GrayImage,
+    background: &Background,
+    y: usize,
+    options: &DotOptions,
+) -> Vec<Level> {
     let middle = (y + BAND / 2) as f64;
     (0..image.width.div_ceil(BLOCK))
         .map(|block| {

@@ -6,7 +6,14 @@ use crate::detect::testing::{Canvas, Normal, Print, Spot};
 use crate::detect::{TargetOptions, drop_dots_on_targets};
 
 /// Spots on a jittered grid of `count` x `count`, turned about its middle.
-fn grid(count: usize, pitch: f64, turn: f64, amplitude: f64, sigma: [f64; 2], normal: &mut Normal) -> Vec<Spot> {
+fn grid(
+    count: usize,
+    pitch: f64,
+    turn: f64,
+    amplitude: f64,
+    sigma: [f64; 2],
+    normal: &mut Normal,
+) -> Vec<Spot> {
     let half = 0.5 * (count - 1) as f64;
     let middle = pitch * (half + 1.0) * if turn == 0.0 { 1.0 } else { 1.3 };
     let (sin, cos) = turn.sin_cos();
@@ -37,7 +44,8 @@ fn check_all_found(found: &DotsFound, spots: &[Spot]) -> (f64, f64) {
     for spot in spots {
         let dot = near(found, spot).unwrap();
         let error = dot.point.at - Vector2::from(spot.at);
-        standardised += (error.transpose() * dot.point.covariance.try_inverse().unwrap() * error)[0];
+        standardised +=
+            (error.transpose() * dot.point.covariance.try_inverse().unwrap() * error)[0];
         squares += error.norm_squared();
     }
     let count = spots.len() as f64;
@@ -68,11 +76,18 @@ fn a_speckled_dot_is_one_dot_with_a_true_covariance() {
         let mut normal = Normal::new(seed);
         let spots = grid(12, 45.0, 0.0, 120.0, [3.0, 3.0], &mut normal);
         let size = size_for(&spots);
-        let found = find(&Canvas::new(size, size, 30.0).spots(&spots, contrast, grain, &mut normal), 4.0, seed);
+        let found = find(
+            &Canvas::new(size, size, 30.0).spots(&spots, contrast, grain, &mut normal),
+            4.0,
+            seed,
+        );
         let (nees, rms) = check_all_found(&found, &spots);
         // The mean of 144 squares has the standard deviation 2 / sqrt(144) if errors were normal;
         // 20 % in the standard deviation besides.
-        assert!(nees > 2.0 / 1.44 - 0.5 && nees < 2.0 * 1.44 + 0.5, "contrast {contrast}: {nees}, rms {rms}");
+        assert!(
+            nees > 2.0 / 1.44 - 0.5 && nees < 2.0 * 1.44 + 0.5,
+            "contrast {contrast}: {nees}, rms {rms}"
+        );
         // The log-normal tail beyond saturation is cut off, which lowers the contrast.
         let seen = found.noise.speckle_contrast / contrast;
         assert!((0.7..1.1).contains(&seen), "{:?}", found.noise);
@@ -102,7 +117,8 @@ fn a_pattern_is_found_at_every_angle() {
         let mut normal = Normal::new(20 + step as u64);
         let spots = grid(5, 40.0, turn, 120.0, [3.5, 2.5], &mut normal);
         let size = size_for(&spots) + 30;
-        let found = find(&Canvas::new(size, size, 40.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
+        let found =
+            find(&Canvas::new(size, size, 40.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
         let (_, rms) = check_all_found(&found, &spots);
         assert!(rms < 0.03, "{rms}");
     }
@@ -114,7 +130,8 @@ fn small_and_large_dots_are_found() {
         let mut normal = Normal::new(31);
         let spots = grid(4, 12.0 * sigma + 20.0, 0.0, 120.0, [sigma, sigma], &mut normal);
         let size = size_for(&spots) + 30;
-        let found = find(&Canvas::new(size, size, 40.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
+        let found =
+            find(&Canvas::new(size, size, 40.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
         check_all_found(&found, &spots);
         assert!(found.dots.iter().all(|dot| (dot.sigma[1] / sigma - 1.0).abs() < 0.1));
     }
@@ -136,7 +153,8 @@ fn saturated_dots_are_measured_from_their_flanks() {
 fn dots_that_the_border_cuts_are_dropped() {
     let mut normal = Normal::new(51);
     let whole = Spot::round([60.2, 60.4], 150.0, 3.0);
-    let spots = [whole, Spot::round([1.0, 60.0], 150.0, 3.0), Spot::round([60.0, 118.5], 150.0, 3.0)];
+    let spots =
+        [whole, Spot::round([1.0, 60.0], 150.0, 3.0), Spot::round([60.0, 118.5], 150.0, 3.0)];
     let found = find(&Canvas::new(120, 120, 30.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
     check_all_found(&found, &[whole]);
 }
@@ -207,7 +225,11 @@ fn pictures_without_dots_give_none() {
         for level in [0.0, 128.0, 255.0] {
             for noise in [0.0, 4.0, 25.0] {
                 let found = find(&Canvas::new(width, height, level), noise, 1);
-                assert!(found.dots.is_empty(), "{width} x {height}, {level}, {noise}: {:?}", found.dots);
+                assert!(
+                    found.dots.is_empty(),
+                    "{width} x {height}, {level}, {noise}: {:?}",
+                    found.dots
+                );
             }
         }
     }

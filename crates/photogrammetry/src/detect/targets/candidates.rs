@@ -112,7 +112,9 @@ impl OpenEdge {
 /// The largest difference in a block.
 fn steepest(near: &[u8], far: &[u8]) -> u8 {
     match (<&[u8; BLOCK]>::try_from(near), <&[u8; BLOCK]>::try_from(far)) {
-        (Ok(near), Ok(far)) => near.iter().zip(far).fold(0, |most, (a, b)| most.max(a.abs_diff(*b))),
+        (Ok(near), Ok(far)) => {
+            near.iter().zip(far).fold(0, |most, (a, b)| most.max(a.abs_diff(*b)))
+        }
         _ => near.iter().zip(far).fold(0, |most, (a, b)| most.max(a.abs_diff(*b))),
     }
 }
@@ -136,7 +138,8 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
     let at = |x: f64| sample(image, x, chord.y);
     let disc = at(chord.x)?;
     let outside = 0.5 + 0.6 * QUIET;
-    let ground = 0.5 * (at(chord.x - outside * chord.width)? + at(chord.x + outside * chord.width)?);
+    let ground =
+        0.5 * (at(chord.x - outside * chord.width)? + at(chord.x + outside * chord.width)?);
     if (disc - ground).abs() < 0.7 * options.min_contrast {
         return None;
     }
@@ -164,9 +167,11 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
     }
     let ellipse = Ellipse::through(&points, centre)?;
     let [large, small] = ellipse.semi_axes();
-    let misfit = points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
+    let misfit =
+        points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
     let allowed = 0.1 + 0.5 / small;
-    (large < reach && small > 0.7 * options.min_semi_axis && misfit.sqrt() < allowed).then_some(ellipse)
+    (large < reach && small > 0.7 * options.min_semi_axis && misfit.sqrt() < allowed)
+        .then_some(ellipse)
 }
 
 /// Distance from inside to the edge along a direction, pixels; `None` where there is none within

@@ -35,7 +35,9 @@ pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
             })
             .collect()
     };
-    let (Some(disc), Some(quiet), Some(code)) = (ring(0.4), ring(1.5), ring(2.5)) else { return false };
+    let (Some(disc), Some(quiet), Some(code)) = (ring(0.4), ring(1.5), ring(2.5)) else {
+        return false;
+    };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (disc, ground) = (mean(&disc), mean(&quiet));
     let part = |value: &f64| (value - ground) / (disc - ground);
@@ -46,7 +48,12 @@ pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
 
 /// The canonical code; `None` unless it is beyond doubt. `margin` is how far a value may be from
 /// plain ground (0) or plain disc (1).
-pub(super) fn read(image: &GrayImage, ellipse: &Ellipse, levels: &Levels, margin: f64) -> Option<u16> {
+pub(super) fn read(
+    image: &GrayImage,
+    ellipse: &Ellipse,
+    levels: &Levels,
+    margin: f64,
+) -> Option<u16> {
     let reader = Reader { image, ellipse, map: ellipse.map(), levels };
     for radius in QUIET_RADII {
         let quiet = reader.circle(radius)?;
@@ -57,12 +64,14 @@ pub(super) fn read(image: &GrayImage, ellipse: &Ellipse, levels: &Levels, margin
     }
     let circles: Option<Vec<_>> = RING_RADII.iter().map(|&radius| reader.circle(radius)).collect();
     let circles = circles?;
-    let mean: [f64; DIRECTIONS] =
-        std::array::from_fn(|i| circles.iter().map(|circle| circle[i]).sum::<f64>() / circles.len() as f64);
+    let mean: [f64; DIRECTIONS] = std::array::from_fn(|i| {
+        circles.iter().map(|circle| circle[i]).sum::<f64>() / circles.len() as f64
+    });
     let phase = phase(&mean)?;
     let mut bits = 0u16;
     for sector in 0..SECTORS {
-        bits = bits << 1 | u16::from(read_sector(&circles, phase + (sector * PER_SECTOR) as f64, margin)?);
+        bits = bits << 1
+            | u16::from(read_sector(&circles, phase + (sector * PER_SECTOR) as f64, margin)?);
     }
     let all = (1u16 << RING_BITS) - 1;
     (bits != 0 && bits != all).then(|| canonical_code(bits))

@@ -17,10 +17,13 @@ type Vector = SVector<f64, PARAMETERS>;
 
 /// Steps before a fit is given up.
 const MAX_STEPS: usize = 25;
+/// Largest rms residual as a part of the contrast: noise 4 at a contrast of 20, or half an edge that
+/// is no ellipse.
+const MOST_MISFIT: f64 = 0.2;
 /// Steps in which the band of pixels follows the ellipse.
 const BAND_STEPS: usize = 3;
 /// A centre that moves less than this is final, pixels.
-const CONVERGED: f64 = 2e-4;
+const CONVERGED: f64 = 1e-3;
 
 /// Grey levels of a target and the light on it.
 #[derive(Debug, Clone, Copy)]
@@ -90,7 +93,8 @@ fn start(image: &GrayImage, rough: &Ellipse) -> Option<Model> {
             ground = [ground[0] + pixel, ground[1] + 1.0];
         }
     });
-    let levels = Levels { disc: disc[0] / disc[1], ground: ground[0] / ground[1], slope: Vector2::zeros() };
+    let levels =
+        Levels { disc: disc[0] / disc[1], ground: ground[0] / ground[1], slope: Vector2::zeros() };
     levels.contrast().is_finite().then_some(Model { ellipse: *rough, levels, blur: 0.8 })
 }
 
@@ -109,44 +113,51 @@ fn for_band(image: &GrayImage, ellipse: &Ellipse, each: &mut impl FnMut(Vector2<
         let first = (centre - reach).ceil().max(0.0) as usize;
         first..((centre + reach).floor().max(-1.0) + 1.0).min(size as f64) as usize
     };
+    let squares = (1.0 - half).powi(2)..(1.0 + half).powi(2);
     for y in range(ellipse.centre.y, reach.y, image.height) {
         let row = image.row(y);
         for x in range(ellipse.centre.x, reach.x, image.width) {
             let at = Vector2::new(x as f64, y as f64);
-            if (ellipse.radius(&at) - 1.0).abs() < half {
+            if squares.contains(&ellipse.square_radius(&at)) {
                 each(at, f64::from(row[x]));
             }
         }
     }
 }
 
-/// Sums of the normal equations, and of the squared residuals times the outer products.
+/// Sums of the normal equations; of outer products the lower triangle only.
 struct Sums {
     normal: Normal,
     right: Vector,
-    scatter: Normal,
     count: f64,
     squares: f64,
 }
 
+fn add_lower(sum: &mut Normal, row: &Vector, weight: f64) {
+    for j in 0..PARAMETERS {
+        let factor = weight * row[j];
+        for i in j..PARAMETERS {
+            sum[(i, j)] += factor * row[i];
+        }
+    }
+}
+
+fn fill_upper(sum: &mut Normal) {
+    *sum = Normal::from_fn(|i, j| sum[(i.max(j), i.min(j))]);
+}
+
 fn accumulate(image: &GrayImage, model: &Model, band: &Ellipse) -> Option<Sums> {
-    let mut sums = Sums {
-        normal: Normal::zeros(),
-        right: Vector::zeros(),
-        scatter: Normal::zeros(),
-        count: 0.0,
-        squares: 0.0,
-    };
+    let mut sums =
+        Sums { normal: Normal::zeros(), right: Vector::zeros(), count: 0.0, squares: 0.0 };
     for_band(image, band, &mut |at, pixel| {
         let (value, row) = model.at(&at);
         let e = pixel - value;
-        let outer = row * row.transpose();
-        sums.normal += outer;
+        add_lower(&mut sums.normal, &row, 1.0);
         sums.right += row * e;
-        sums.scatter += outer * (e * e);
         sums.count += 1.0;
         sums.squares += e * e;
     });
+    fill_upper(&mut sums.normal);
     (sums.count > 3.0 * PARAMETERS as f64).then_some(sums)
 }
 
@@ -155,12 +166,18 @@ fn accumulate(image: &GrayImage, model: &Model, band: &Ellipse) -> Option<Sums> 
 fn finish(image: &GrayImage, model: &Model, band: &Ellipse, rough: &Ellipse) -> Option<EdgeFit> {
     let sums = accumulate(image, model, band)?;
     let inverse = sums.normal.try_inverse()?;
+    let mut scatter = Normal::zeros();
+    for_band(image, band, &mut |at, pixel| {
+        let (value, row) = model.at(&at);
+        add_lower(&mut scatter, &row, (pixel - value).powi(2));
+    });
+    fill_upper(&mut scatter);
     let freedom = sums.count / (sums.count - PARAMETERS as f64);
-    let covariance = (inverse * sums.scatter * inverse).fixed_view::<2, 2>(0, 0) * freedom;
+    let covariance = (inverse * scatter * inverse).fixed_view::<2, 2>(0, 0) * freedom;
     let noise = (sums.squares / sums.count * freedom).sqrt();
     let [_, small] = rough.semi_axes();
     let moved = (model.ellipse.centre - rough.centre).norm();
-    let is_disc = noise < 0.2 * model.levels.contrast() && moved < 0.3 * small + 0.5;
+    let is_disc = noise < MOST_MISFIT * model.levels.contrast() && moved < 0.3 * small + 0.5;
     (is_disc && covariance.trace() > 0.0).then_some(EdgeFit {
         ellipse: model.ellipse,
         levels: model.levels,
@@ -177,8 +194,9 @@ impl Model {
         let steepness = gradient.norm() / radius;
         let distance = (radius - 1.0) / steepness;
         let t = distance / self.blur;
-        let part = 1.0 - normal_cdf(t);
-        let density = (-0.5 * t * t).exp() / (std::f64::consts::TAU.sqrt() * self.blur);
+        let bell = if t.abs() < 7.0 { (-0.5 * t * t).exp() } else { 0.0 };
+        let part = upper_tail(t, bell);
+        let density = bell / (std::f64::consts::TAU.sqrt() * self.blur);
         let light = 1.0 + self.levels.slope.dot(&u);
         let difference = self.levels.disc - self.levels.ground;
         let plain = self.levels.ground + difference * part;
@@ -219,7 +237,9 @@ impl Model {
                     ground: self.levels.ground + part * step[6],
                     slope: self.levels.slope + Vector2::new(step[8], step[9]) * part,
                 };
-                let blur = (self.blur + part * step[7]).clamp(0.5 * self.blur, 2.0 * self.blur).clamp(0.2, 12.0);
+                let blur = (self.blur + part * step[7])
+                    .clamp(0.5 * self.blur, 2.0 * self.blur)
+                    .clamp(0.2, 12.0);
                 return Some(Self { ellipse, levels, blur });
             }
             part *= 0.5;
@@ -228,12 +248,13 @@ impl Model {
     }
 }
 
-/// Normal distribution function, error below 1.5e-7 (Abramowitz and Stegun 7.1.26).
-fn normal_cdf(x: f64) -> f64 {
-    let z = x.abs() * std::f64::consts::FRAC_1_SQRT_2;
-    let t = 1.0 / (1.0 + 0.327_591_1 * z);
+/// Part of a normal distribution above t, error below 1.5e-7 (Abramowitz and Stegun 7.1.26);
+/// `bell` is `exp(-t^2 / 2)`.
+fn upper_tail(t: f64, bell: f64) -> f64 {
+    let z = t.abs() * std::f64::consts::FRAC_1_SQRT_2;
+    let r = 1.0 / (1.0 + 0.327_591_1 * z);
     let series = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];
-    let polynomial = series.iter().fold(0.0, |sum, c| sum * t + c) * t;
-    let upper = 0.5 * polynomial * (-z * z).exp();
-    if x >= 0.0 { 1.0 - upper } else { upper }
+    let polynomial = series.iter().fold(0.0, |sum, c| sum * r + c) * r;
+    let tail = 0.5 * polynomial * bell;
+    if t >= 0.0 { tail } else { 1.0 - tail }
 }

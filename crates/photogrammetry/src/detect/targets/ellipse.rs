@@ -36,7 +36,8 @@ impl Ellipse {
 
     /// The ellipse, if it is one.
     pub(super) fn valid(centre: Vector2<f64>, shape: Matrix2<f64>) -> Option<Self> {
-        let is_ellipse = shape.determinant() > 1e-12 && shape.trace() > 0.0 && centre.norm().is_finite();
+        let is_ellipse =
+            shape.determinant() > 1e-12 && shape.trace() > 0.0 && centre.norm().is_finite();
         is_ellipse.then_some(Self { centre, shape })
     }
 
@@ -48,7 +49,9 @@ impl Ellipse {
 
     fn eigenvalues(&self) -> [f64; 2] {
         let mean = 0.5 * self.shape.trace();
-        let half = (0.25 * (self.shape[(0, 0)] - self.shape[(1, 1)]).powi(2) + self.shape[(0, 1)].powi(2)).sqrt();
+        let half = (0.25 * (self.shape[(0, 0)] - self.shape[(1, 1)]).powi(2)
+            + self.shape[(0, 1)].powi(2))
+        .sqrt();
         [mean - half, mean + half]
     }
 
@@ -68,8 +71,20 @@ impl Ellipse {
 
     /// Distance from the centre in radii.
     pub(super) fn radius(&self, at: &Vector2<f64>) -> f64 {
-        let offset = at - self.centre;
-        (offset.transpose() * self.shape * offset)[0].max(0.0).sqrt()
+        self.square_radius(at).max(0.0).sqrt()
+    }
+
+    /// Its square.
+    pub(super) fn square_radius(&self, at: &Vector2<f64>) -> f64 {
+        let (u, v) = (at.x - self.centre.x, at.y - self.centre.y);
+        let shape = &self.shape;
+        shape[(0, 0)] * u * u + 2.0 * shape[(0, 1)] * u * v + shape[(1, 1)] * v * v
+    }
+
+    /// Whether both ends of a horizontal chord lie about on the ellipse.
+    pub(super) fn has_chord(&self, middle: &Vector2<f64>, width: f64) -> bool {
+        let end = Vector2::new(0.5 * width, 0.0);
+        [middle - end, middle + end].iter().all(|at| (0.7..1.35).contains(&self.square_radius(at)))
     }
 
     /// Whether another ellipse is about the same.

@@ -23,7 +23,7 @@ use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
 /// Refused discs that are remembered, so that their next chord is not measured again.
-const REFUSED_KEPT: usize = 256;
+const REFUSED_KEPT: usize = 128;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -64,7 +64,13 @@ pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
     let mut refused: Vec<Ellipse> = Vec::new();
     candidates::each_chord(image, noise, options, |chord| {
         let place = Vector2::new(chord.x, chord.y);
-        if targets.iter().any(|target| target.covers(&place, 1.0)) {
+        if targets.iter().any(|target| target.covers(&place, 1.0))
+            || refused
+                .iter()
+                .rev()
+                .take(REFUSED_KEPT)
+                .any(|other| other.has_chord(&place, chord.width))
+        {
             return;
         }
         let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
@@ -74,11 +80,23 @@ pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
             return;
         }
         match measure(image, &ellipse, options) {
-            Some(target) => targets.push(target),
+            Some(target) => keep(&mut targets, target),
             None => refused.push(ellipse),
         }
     });
     targets
+}
+
+/// Adds a target, unless it lies on another that is more plainly one: rings do not overlap, so one
+/// of the two is a part of the other's pattern.
+fn keep(targets: &mut Vec<Target>, target: Target) {
+    let overlaps =
+        |a: &Target, b: &Target| a.covers(&b.point.at, 3.0) || b.covers(&a.point.at, 3.0);
+    let doubt = |t: &Target| t.point.covariance.trace().sqrt() / t.semi_axes[1];
+    if targets.iter().all(|other| !overlaps(other, &target) || doubt(&target) < doubt(other)) {
+        targets.retain(|other| !overlaps(other, &target));
+        targets.push(target);
+    }
 }
 
 /// Whether a code serves well: canonical, different from all its own rotations, and with at least
@@ -88,7 +106,8 @@ pub fn is_usable_code(code: u16) -> bool {
     let sectors = ring_sectors(code);
     let count = sectors.len();
     let changes = (0..count).filter(|&i| sectors[i] != sectors[(i + 1) % count]).count();
-    let is_symmetric = (1..count).any(|turn| (0..count).all(|i| sectors[i] == sectors[(i + turn) % count]));
+    let is_symmetric =
+        (1..count).any(|turn| (0..count).all(|i| sectors[i] == sectors[(i + turn) % count]));
     code < 1 << RING_BITS && canonical_code(code) == code && changes >= 4 && !is_symmetric
 }
 

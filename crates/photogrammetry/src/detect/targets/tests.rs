@@ -46,7 +46,10 @@ fn tilted_targets_are_read() {
             for radius in [8.0, 20.0] {
                 let at = [3.7 * radius + 4.4, 3.7 * radius + 4.2];
                 let print = Print::dark(at, 0b0010_1101_0011, radius);
-                check_found(Print { tilt: tilt.to_radians(), tilt_axis: axis, turn: axis * 1.7, ..print }, 0.8);
+                check_found(
+                    Print { tilt: tilt.to_radians(), tilt_axis: axis, turn: axis * 1.7, ..print },
+                    0.8,
+                );
             }
         }
     }
@@ -69,16 +72,23 @@ fn the_stated_covariance_of_a_centre_is_true() {
         let prints: Vec<Print> = (0..100)
             .map(|i| {
                 let place = |k: usize| (k as f64 + 0.6) * pitch;
-                let at = [place(i % 10) + normal.uniform(0.0, 1.0), place(i / 10) + normal.uniform(0.0, 1.0)];
-                let print = Print { turn: i as f64, levels: [60.0, 160.0], ..Print::dark(at, 45, radius) };
+                let at = [
+                    place(i % 10) + normal.uniform(0.0, 1.0),
+                    place(i / 10) + normal.uniform(0.0, 1.0),
+                ];
+                let print =
+                    Print { turn: i as f64, levels: [60.0, 160.0], ..Print::dark(at, 45, radius) };
                 Print { tilt: tilt.to_radians(), tilt_axis: 0.1 * i as f64, ..print }
             })
             .collect();
         let size = (10.4 * pitch) as usize;
         let targets = find(Canvas::new(size, size, 160.0).prints(&prints).blur(0.7), 4.0, 3);
         assert_eq!(targets.len(), 100);
-        let near = |print: &Print| targets.iter().find(|target| target.covers(&Vector2::from(print.at), 0.5)).unwrap();
-        let mean = prints.iter().map(|print| square_error(near(print), print.at)).sum::<f64>() / 100.0;
+        let near = |print: &Print| {
+            targets.iter().find(|target| target.covers(&Vector2::from(print.at), 0.5)).unwrap()
+        };
+        let mean =
+            prints.iter().map(|print| square_error(near(print), print.at)).sum::<f64>() / 100.0;
         // The mean of 100 squares has the standard deviation 2 / sqrt(100); three of them.
         assert!((mean - 2.0).abs() < 0.6, "radius {radius}: {mean}");
     }
@@ -119,7 +129,12 @@ fn a_laser_dot_on_a_target_never_makes_another_code() {
         let radius = 12.0 * (1.0 + 0.1 * f64::from(i));
         let spot = Spot::round([60.0 + radius * cos, 60.0 + radius * sin], 150.0, 3.0);
         let print = Print { levels: [40.0, 100.0], ..Print::dark([60.0, 60.0], 45, 12.0) };
-        let canvas = Canvas::new(121, 121, 100.0).prints(&[print]).spots(&[spot], 0.0, 1.0, &mut Normal::new(1));
+        let canvas = Canvas::new(121, 121, 100.0).prints(&[print]).spots(
+            &[spot],
+            0.0,
+            1.0,
+            &mut Normal::new(1),
+        );
         assert!(find(canvas.blur(0.7), 3.0, 4).iter().all(|target| target.code == 45));
     }
 }
@@ -133,7 +148,13 @@ fn pictures_without_targets_give_none() {
         }
     }
     let spots: Vec<Spot> = (0..9)
-        .map(|i| Spot::round([30.0 + 50.0 * f64::from(i % 3), 30.0 + 50.0 * f64::from(i / 3)], 150.0, 3.0))
+        .map(|i| {
+            Spot::round(
+                [30.0 + 50.0 * f64::from(i % 3), 30.0 + 50.0 * f64::from(i / 3)],
+                150.0,
+                3.0,
+            )
+        })
         .collect();
     let canvas = Canvas::new(160, 160, 30.0).spots(&spots, 0.4, 5.0, &mut Normal::new(2));
     assert!(find(canvas, 4.0, 3).is_empty());

@@ -1,0 +1,15 @@
+//! The program end to end: plans in, sessions, reports and exit codes out. Pictures are small, so
+//! that a run takes seconds. The walls between crates and the state of the files are tested in
+//! `tests/`.
+
+#![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests stop the test")]
+
+mod bad_input;
+mod lab;
+mod other_pictures;
+mod plans;
+mod repeating;
+mod running;
+mod score;
+mod stopping;
+mod unsolvable;

@@ -1,0 +1,93 @@
+//! From three full-size JPEG files to the pose by both methods, with the three decodes alone beside
+//! it as the floor. `cargo bench -p beampose-virtual-lab --bench pose`
+
+use std::collections::BTreeMap;
+
+use beampose_core::Emission;
+use beampose_photogrammetry::detect::{
+    DotOptions, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
+};
+use beampose_photogrammetry::solve::{Method, Sighting, solve_capture};
+use beampose_photogrammetry::{Artefact, ArtefactTarget, GrayImage, Setup, TieTargets, decode};
+use beampose_virtual_lab::config::TargetRole;
+use beampose_virtual_lab::{World, WorldConfig};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+
+fn main() {
+    divan::main();
+}
+
+/// One capture of the laboratory: what the solver is told, and three JPEG files.
+fn capture() -> (Setup, Vec<(String, Vec<u8>)>) {
+    let config = WorldConfig::laboratory();
+    let targets = config.targets.iter().filter_map(|t| match t.role {
+        TargetRole::Artefact { u_mm } => Some(ArtefactTarget {
+            code: t.code,
+            xyz_mm: t.xyz_mm,
+            u_mm,
+            radius_mm: t.radius_mm,
+        }),
+        TargetRole::Tie => None,
+    });
+    let artefact = Artefact {
+        targets: targets.collect(),
+        scale_relative_u: config.artefact_scale_relative_u,
+    };
+    let (pattern, wavelength_u_nm) = (config.pattern.clone(), config.wavemeter.bias_u_nm);
+    let world = World::new(config, 7).expect("the laboratory is sound");
+    let module = world.module_state(300.0, 0.0, 658.0, Emission::On);
+    let cameras = world.calibrations();
+    let files = cameras
+        .keys()
+        .map(|name| (name.clone(), world.render_jpeg(name, &module, 0).expect("a known camera")))
+        .collect();
+    let tie_targets = Some(TieTargets { radius_mm: 6.0 });
+    let setup =
+        Setup { cameras, pattern, artefact, tie_targets, module_prior: None, wavelength_u_nm };
+    (setup, files)
+}
+
+fn sight(image: &GrayImage) -> Sighting {
+    let targets = find_targets(image, &TargetOptions::default());
+    let mut dots = find_dots(image, &DotOptions::default()).dots;
+    drop_dots_on_targets(&mut dots, &targets);
+    Sighting { dots, targets }
+}
+
+fn sightings(files: &[(String, Vec<u8>)]) -> BTreeMap<String, Sighting> {
+    files
+        .par_iter()
+        .map(|(name, bytes)| (name.clone(), sight(&decode(bytes).expect("a whole JPEG file"))))
+        .collect()
+}
+
+#[divan::bench]
+fn three_decodes_alone(bencher: divan::Bencher) {
+    let (_, files) = capture();
+    bencher.bench(|| files.par_iter().map(|(_, b)| decode(b).map(|i| i.width)).count());
+}
+
+#[divan::bench]
+fn detect_one_picture_in_memory(bencher: divan::Bencher) {
+    let (_, files) = capture();
+    let image = decode(&files[0].1).expect("a whole JPEG file");
+    bencher.bench(|| sight(&image));
+}
+
+#[divan::bench]
+fn three_files_to_pose(bencher: divan::Bencher) {
+    let (setup, files) = capture();
+    bencher.bench(|| {
+        let solution =
+            solve_capture(&setup, &sightings(&files), Some(658.0), &Method::ALL, &mut || ());
+        assert!(solution.results.iter().all(|r| r.pose.is_ok()));
+        solution
+    });
+}
+
+#[divan::bench]
+fn solve_from_sightings(bencher: divan::Bencher) {
+    let (setup, files) = capture();
+    let sightings = sightings(&files);
+    bencher.bench(|| solve_capture(&setup, &sightings, Some(658.0), &Method::ALL, &mut || ()));
+}
