@@ -42,7 +42,7 @@ pub fn checked(plan: &Path, rig: Option<&Path>, overrides: &Overrides) -> Result
     let (plan, rig, summary) =
         check_both(plan_read, rig_read).map_err(|faults| faults.to_string())?;
     let rig_folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
-    Ok(Checked { plan, rig: overrides.apply(rig), rig_folder, summary })
+    Ok(Checked { plan, rig: overrides.apply(rig)?, rig_folder, summary })
 }
 
 fn file<T>(path: &Path, read: impl Fn(&str, &[u8]) -> AsRead<T>) -> AsRead<T> {

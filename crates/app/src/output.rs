@@ -4,6 +4,7 @@
 
 use std::io::Write as _;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How the program ends; documented in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,16 +33,25 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Prints a text and a line feed to standard output.
+/// Set when something could not be printed for another reason than a closed pipe.
+static LOST: AtomicBool = AtomicBool::new(false);
+
+/// Prints a text and a line feed to standard output. A reader that reads no further misses it; that
+/// it could not be written otherwise, [`lost`] tells at the end.
 pub fn print(text: &str) {
     let mut out = std::io::stdout().lock();
     let written = writeln!(out, "{text}").and_then(|()| out.flush());
     if let Err(error) = written
-        && error.kind() == std::io::ErrorKind::BrokenPipe
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+        && !LOST.swap(true, Ordering::Relaxed)
     {
-        // Nobody reads on: what is left to say would reach no one.
-        std::process::exit(0);
+        complain(&format!("beampose: the output cannot be written: {error}"));
     }
+}
+
+/// Whether output was lost.
+pub fn lost() -> bool {
+    LOST.load(Ordering::Relaxed)
 }
 
 /// Prints a text and a line feed to standard error; there is nobody to tell if that fails.

@@ -67,11 +67,6 @@ impl Pipeline {
         Ok(Self { store, session, processing, setup, methods: methods.into() })
     }
 
-    /// The processing's number.
-    pub const fn processing(&self) -> ProcessingId {
-        self.processing
-    }
-
     /// Solves one stored capture and stores what came out. A capture that cannot be solved is no
     /// error: its reason is stored.
     ///

@@ -34,7 +34,10 @@ impl Progress {
             bar
         };
         Self {
-            steps: bar(steps, "  run    {bar:28.cyan/dim} {pos:>4}/{len:<4} {elapsed_precise} elapsed, {eta_precise} left  {wide_msg:.dim}"),
+            steps: bar(
+                steps,
+                "  run    {bar:28.cyan/dim} {pos:>4}/{len:<4} {elapsed_precise} elapsed, {eta_precise} left  {wide_msg:.dim}",
+            ),
             solved: bar(captures, "  solve  {bar:28.green/dim} {pos:>4}/{len:<4} {wide_msg}"),
         }
     }

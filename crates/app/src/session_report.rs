@@ -204,8 +204,7 @@ async fn pictures(store: &Store, loaded: &Loaded) -> anyhow::Result<Vec<ReportPi
     };
     let mut pictures = Vec::new();
     for picture in &capture.pictures {
-        let bytes =
-            store.picture(loaded.session.header.id, &capture.id, &picture.camera).await;
+        let bytes = store.picture(loaded.session.header.id, &capture.id, &picture.camera).await;
         // A damaged picture is not shown; that it is damaged, `sessions --verify` says.
         if let Some(image) = bytes.ok().and_then(|bytes| decode(&bytes).ok()) {
             pictures.push(ReportPicture {
@@ -310,14 +309,22 @@ pub struct Written {
     pub json: serde_json::Value,
 }
 
+/// Makes the folder of a report.
+///
+/// # Errors
+/// That it cannot be made.
+pub fn prepare(folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("the report's folder {} cannot be made", folder.display()))
+}
+
 /// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` into
 /// `folder`.
 ///
 /// # Errors
 /// Which file cannot be written.
 pub fn write(input: &ReportInput, folder: &Path) -> anyhow::Result<Written> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("the folder {} cannot be made", folder.display()))?;
+    prepare(folder)?;
     let put = |name: &str, text: &str| {
         let path = folder.join(name);
         std::fs::write(&path, text)

@@ -15,19 +15,26 @@ pub struct Overrides {
 
 fn picture_scale(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(scale) if scale >= 0.1 && scale <= 1.0 => Ok(scale),
+        Ok(scale) if (0.1..=1.0).contains(&scale) => Ok(scale),
         _ => Err("expected a number from 0.1 to 1".to_owned()),
     }
 }
 
 impl Overrides {
     /// The rig with the changes made.
-    #[must_use]
-    pub fn apply(&self, mut rig: Rig) -> Rig {
+    ///
+    /// # Errors
+    /// When the rig has no simulation to change.
+    pub fn apply(&self, mut rig: Rig) -> Result<Rig, String> {
         if let Some(simulation) = &mut rig.simulation {
             simulation.seed = self.seed.unwrap_or(simulation.seed);
             simulation.picture.scale = self.picture_scale.unwrap_or(simulation.picture.scale);
+        } else if self.seed.is_some() || self.picture_scale.is_some() {
+            return Err(format!(
+                "{}: --seed and --picture-scale are for simulated rigs; this one has no `simulation`",
+                rig.source.name()
+            ));
         }
-        rig
+        Ok(rig)
     }
 }

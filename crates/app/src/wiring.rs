@@ -35,9 +35,7 @@ impl LabClock {
     fn of(kind: ClockKind) -> Self {
         match kind {
             ClockKind::Real => Self::Real(Arc::new(RealClock::start())),
-            ClockKind::Virtual => {
-                Self::Virtual(VirtualClock::starting_at(jiff::Timestamp::now()))
-            }
+            ClockKind::Virtual => Self::Virtual(VirtualClock::starting_at(jiff::Timestamp::now())),
         }
     }
 
@@ -97,18 +95,14 @@ pub fn laboratory(rig: &Rig, setup: Setup) -> Result<Laboratory, String> {
     Ok(Laboratory { bench, clock, world, setup })
 }
 
-fn bench(
-    rig: &Rig,
-    world: Option<&Arc<World>>,
-    clock: &Arc<dyn Clock>,
-) -> Result<Bench, String> {
+fn bench(rig: &Rig, world: Option<&Arc<World>>, clock: &Arc<dyn Clock>) -> Result<Bench, String> {
     let mut bench = Bench::default();
     for (name, instrument) in &rig.instruments {
         if !instrument.is_simulated() {
             return Err(format!("{name}: there is no driver {:?}", instrument.driver().value));
         }
-        let world = world
-            .ok_or_else(|| format!("{name} is simulated, but the rig has no `simulation`"))?;
+        let world =
+            world.ok_or_else(|| format!("{name} is simulated, but the rig has no `simulation`"))?;
         add_simulated(&mut bench, name, instrument, world, clock)
             .map_err(|error| format!("{name}: {error}"))?;
     }
@@ -154,11 +148,7 @@ fn add_simulated(
 }
 
 /// The world that the rig declares. Only what is declared goes in: true values are the world's own.
-fn world_config(
-    rig: &Rig,
-    simulation: &Simulation,
-    setup: &Setup,
-) -> Result<WorldConfig, String> {
+fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<WorldConfig, String> {
     let module = &simulation.module;
     Ok(WorldConfig {
         errors: if simulation.draw_errors { ErrorDraw::Drawn } else { ErrorDraw::Nominal },

@@ -88,11 +88,7 @@ impl VirtualClock {
     /// A clock that shows `start` and stands still until driven.
     #[must_use]
     pub fn starting_at(start: jiff::Timestamp) -> Self {
-        Self(Arc::new(Shared {
-            start,
-            timers: Mutex::default(),
-            external: Arc::default(),
-        }))
+        Self(Arc::new(Shared { start, timers: Mutex::default(), external: Arc::default() }))
     }
 
     /// Runs `future` to its end, in virtual time.

@@ -1,10 +1,12 @@
 //! Capture by capture, on sightings made from a known scene: projection with noise, every error
 //! that a rig declares drawn anew. No picture is rendered here; `virtual_lab` does that.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 mod scene;
 
-use beampose_photogrammetry::solve::{Method, Subject, solve_capture};
 use beampose_photogrammetry::Order;
+use beampose_photogrammetry::solve::{Method, Subject, solve_capture};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use scene::Laboratory;
 
@@ -19,7 +21,8 @@ fn nees(pose: &beampose_core::Pose, truth: Vector3<f64>) -> f64 {
 fn a_perfect_sighting_gives_the_true_pose() {
     let laboratory = Laboratory::exact();
     let (sightings, truth) = laboratory.capture(0, 300.0);
-    let solution = solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
+    let solution =
+        solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
     for result in &solution.results {
         let pose = result.pose.as_ref().unwrap();
         let error = Vector3::from(pose.position_mm) - truth.position;
@@ -40,8 +43,13 @@ fn the_stated_covariance_is_true() {
     for seed in 0..draws {
         let laboratory = Laboratory::drawn(seed);
         let (sightings, truth) = laboratory.capture(seed, 100.0 * f64::from(seed as u32 % 10));
-        let solution =
-            solve_capture(&laboratory.setup, &sightings, Some(laboratory.read_nm()), &Method::ALL, &mut || ());
+        let solution = solve_capture(
+            &laboratory.setup,
+            &sightings,
+            Some(laboratory.read_nm()),
+            &Method::ALL,
+            &mut || (),
+        );
         for (sum, result) in sums.iter_mut().zip(&solution.results) {
             *sum += nees(result.pose.as_ref().unwrap(), truth.position);
         }
@@ -72,8 +80,13 @@ fn hidden_dots_strays_and_a_wrong_target_are_survived() {
         }
         sighting.targets[k].point.at.x += 4.0;
     }
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, Some(laboratory.read_nm()), &Method::ALL, &mut || ());
+    let solution = solve_capture(
+        &laboratory.setup,
+        &sightings,
+        Some(laboratory.read_nm()),
+        &Method::ALL,
+        &mut || (),
+    );
     for result in &solution.results {
         let pose = result.pose.as_ref().unwrap();
         // 99.99 % of a chi squared of three.
@@ -105,8 +118,13 @@ fn one_blind_camera_is_survived() {
     let laboratory = Laboratory::drawn(11);
     let (mut sightings, truth) = laboratory.capture(11, 700.0);
     sightings.remove("cam_b");
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, Some(laboratory.read_nm()), &Method::ALL, &mut || ());
+    let solution = solve_capture(
+        &laboratory.setup,
+        &sightings,
+        Some(laboratory.read_nm()),
+        &Method::ALL,
+        &mut || (),
+    );
     for result in &solution.results {
         assert!(nees(result.pose.as_ref().unwrap(), truth.position) < 21.1);
     }
@@ -117,7 +135,8 @@ fn one_blind_camera_is_survived() {
 fn beams_are_named_as_the_module_sees_them() {
     let laboratory = Laboratory::exact();
     let (sightings, _) = laboratory.capture(0, 900.0);
-    let solution = solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
+    let solution =
+        solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
     let camera = &solution.cameras["cam_a"];
     let at = |m, n| {
         let named = Subject::Dot(Order { m, n });

@@ -1,6 +1,8 @@
 //! The dissertation's figures, reproduced. Printed tables are in `published/`: rows run top to
 //! bottom, columns left to right, degrees.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 use beampose_photogrammetry::pattern::{AnglePair, angle_between, neighbour_pairs};
 use beampose_photogrammetry::pose::{fit_angles, fit_rays, neighbour_observations};
 use beampose_photogrammetry::{Order, Pattern, PatternModel, PatternUncertainty};
@@ -16,7 +18,11 @@ fn calibrated() -> Pattern {
         columns: 11,
         rows: 11,
         reference_wavelength_nm: 658.0,
-        model: PatternModel::RadialGrid { pitch_mm: 52.22, k1_per_mm2: 3.5e-8, distance_mm: 1000.0 },
+        model: PatternModel::RadialGrid {
+            pitch_mm: 52.22,
+            k1_per_mm2: 3.5e-8,
+            distance_mm: 1000.0,
+        },
         u: NO_U,
         zero_order_relative_intensity: None,
     }
@@ -83,10 +89,8 @@ fn table_6_1_holds_for_both_estimators() {
     let (mut by_angles, mut by_rays) = (Vector3::zeros(), Vector3::zeros());
     let draws = 2000;
     for _ in 0..draws {
-        let noisy: Vec<Vector3<f64>> = dots
-            .iter()
-            .map(|dot| dot + Vector3::from_fn(|_, _| 0.1 * normal(&mut rng)))
-            .collect();
+        let noisy: Vec<Vector3<f64>> =
+            dots.iter().map(|dot| dot + Vector3::from_fn(|_, _| 0.1 * normal(&mut rng))).collect();
         let fit = fit_angles(&noisy, &angles, Vector3::new(5.0, -5.0, 10.0)).unwrap();
         by_angles += fit.position.component_mul(&fit.position);
         let centre = fit_rays(&noisy, &directions).unwrap().station.centre;

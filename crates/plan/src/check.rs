@@ -70,10 +70,7 @@ pub fn check(plan: &Plan, rig: &Rig) -> Result<Summary, Faults> {
 ///
 /// # Errors
 /// All faults, in the order of files and lines.
-pub fn check_both(
-    plan: AsRead<Plan>,
-    rig: AsRead<Rig>,
-) -> Result<(Plan, Rig, Summary), Faults> {
+pub fn check_both(plan: AsRead<Plan>, rig: AsRead<Rig>) -> Result<(Plan, Rig, Summary), Faults> {
     let mut faults = plan.faults;
     faults.extend(rig.faults);
     let (Some(plan), Some(rig)) = (plan.value, rig.value) else { return Err(faults) };

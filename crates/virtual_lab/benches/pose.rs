@@ -1,6 +1,8 @@
 //! From three full-size JPEG files to the pose by both methods, with the three decodes alone beside
 //! it as the floor. `cargo bench -p beampose-virtual-lab --bench pose`
 
+#![expect(clippy::expect_used, reason = "a benchmark that cannot be set up stops")]
+
 use std::collections::BTreeMap;
 
 use beampose_core::Emission;
@@ -21,18 +23,13 @@ fn main() {
 fn capture() -> (Setup, Vec<(String, Vec<u8>)>) {
     let config = WorldConfig::laboratory();
     let targets = config.targets.iter().filter_map(|t| match t.role {
-        TargetRole::Artefact { u_mm } => Some(ArtefactTarget {
-            code: t.code,
-            xyz_mm: t.xyz_mm,
-            u_mm,
-            radius_mm: t.radius_mm,
-        }),
+        TargetRole::Artefact { u_mm } => {
+            Some(ArtefactTarget { code: t.code, xyz_mm: t.xyz_mm, u_mm, radius_mm: t.radius_mm })
+        }
         TargetRole::Tie => None,
     });
-    let artefact = Artefact {
-        targets: targets.collect(),
-        scale_relative_u: config.artefact_scale_relative_u,
-    };
+    let artefact =
+        Artefact { targets: targets.collect(), scale_relative_u: config.artefact_scale_relative_u };
     let (pattern, wavelength_u_nm) = (config.pattern.clone(), config.wavemeter.bias_u_nm);
     let world = World::new(config, 7).expect("the laboratory is sound");
     let module = world.module_state(300.0, 0.0, 658.0, Emission::On);

@@ -65,7 +65,8 @@ fn carriage(
 pub(crate) fn encoder_reading(stage: &StageConfig, position: f64, noise: f64) -> f64 {
     let value = position + stage.noise * noise;
     if stage.resolution > 0.0 {
-        (value / stage.resolution).round() * stage.resolution
+        // Divided by the whole number of steps a unit, so that 0.203 does not read 0.20300000000000001.
+        (value / stage.resolution).round() / (1.0 / stage.resolution)
     } else {
         value
     }

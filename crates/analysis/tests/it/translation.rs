@@ -47,7 +47,10 @@ fn input(captures: Vec<TravelCapture>) -> TranslationInput<'static> {
         scale_relative_u: 0.0,
         stated_scale: StatedScale::Separate,
         rule: DistanceRule::AlongTravel,
-        limits: Limits { max_abs_difference: [(METHOD, Millimetre(0.5))].into(), ..Limits::default() },
+        limits: Limits {
+            max_abs_difference: [(METHOD, Millimetre(0.5))].into(),
+            ..Limits::default()
+        },
     }
 }
 

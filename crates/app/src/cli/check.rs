@@ -7,6 +7,7 @@ use crate::calibration;
 use crate::input::checked;
 use crate::output::{Exit, print};
 use crate::settings::Overrides;
+use crate::wiring;
 
 /// Check a plan against its rig without doing anything
 ///
@@ -31,7 +32,9 @@ impl Check {
     pub fn execute(&self) -> Result<Exit, Ended> {
         let checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
             .map_err(Ended::input)?;
-        calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
+        let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
+        // Instruments are built, not connected: what `run` would refuse, `check` says.
+        wiring::laboratory(&checked.rig, setup).map_err(Ended::input)?;
         let summary = &checked.summary;
         if self.json {
             let object = serde_json::json!({

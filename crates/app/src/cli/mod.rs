@@ -15,7 +15,7 @@ use beampose_photogrammetry::solve::Method;
 use beampose_store::{Store, StoreError};
 use clap::{Parser, Subcommand};
 
-use crate::output::{Exit, complain};
+use crate::output::{Exit, complain, lost};
 
 /// Runs an optical position sensor by itself, from a plan in YAML to a report with uncertainties.
 ///
@@ -100,12 +100,20 @@ impl Database {
     }
 }
 
+/// Closes the database, so that its file alone is whole. Who still holds it keeps it open.
+async fn close(store: Arc<Store>) {
+    if let Ok(store) = Arc::try_unwrap(store) {
+        store.close().await;
+    }
+}
+
 /// A method's name on the command line.
 fn method(text: &str) -> Result<Method, String> {
     let known = Method::ALL.map(Method::name);
-    Method::ALL.into_iter().find(|m| m.name() == text).ok_or_else(|| {
-        format!("expected one of {}", known.join(", "))
-    })
+    Method::ALL
+        .into_iter()
+        .find(|m| m.name() == text)
+        .ok_or_else(|| format!("expected one of {}", known.join(", ")))
 }
 
 /// A command that did not get to its end: what to say, and the exit code.
@@ -153,6 +161,7 @@ pub fn main() -> ExitCode {
         Command::Score(score) => with_runtime(score.execute()),
     };
     match ended {
+        Ok(Exit::Success) if lost() => Exit::Failed.into(),
         Ok(exit) => exit.into(),
         Err(Ended { text, exit }) => {
             complain(&format!("beampose: {text}"));
@@ -161,9 +170,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn with_runtime(
-    command: impl Future<Output = Result<Exit, Ended>>,
-) -> Result<Exit, Ended> {
+fn with_runtime(command: impl Future<Output = Result<Exit, Ended>>) -> Result<Exit, Ended> {
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(command)
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use beampose_analysis::Verdict;
 
-use super::{Database, Ended, find, report_folder};
+use super::{Database, Ended, close, find, report_folder};
 use crate::output::{Exit, print};
 use crate::session_report::{input, load, write};
 
@@ -42,6 +42,7 @@ impl Report {
                 print(&written.html.display().to_string());
             }
         }
+        close(store).await;
         Ok(exit_of(input.verdict))
     }
 }

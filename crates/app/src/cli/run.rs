@@ -1,6 +1,6 @@
 //! `beampose run`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,13 +13,13 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use super::report::exit_of;
 use super::sessions::plain_table;
-use super::{Database, Ended, report_folder};
+use super::{Database, Ended, close, report_folder};
 use crate::calibration;
 use crate::input::{Checked, checked};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, SOFTWARE};
 use crate::progress::Progress;
-use crate::session_report::{input, load, method_of, write};
+use crate::session_report::{input, load, method_of, prepare, write};
 use crate::settings::Overrides;
 use crate::truth;
 use crate::wiring::{self, Laboratory};
@@ -53,16 +53,22 @@ pub struct Run {
 
 impl Run {
     pub async fn execute(self) -> Result<Exit, Ended> {
-        let checked = checked(&self.plan, self.rig.as_deref(), &self.overrides)
-            .map_err(Ended::input)?;
+        let checked =
+            checked(&self.plan, self.rig.as_deref(), &self.overrides).map_err(Ended::input)?;
         for warning in &checked.summary.warnings {
             complain(&warning.to_string());
         }
         let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
         let laboratory = wiring::laboratory(&checked.rig, setup).map_err(Ended::input)?;
-        let store = self.database.open().await?;
         let header = header(&checked, &laboratory)?;
         let session = header.id;
+        let folder = report_folder(self.out.as_ref(), session);
+        // Better now than after an hour.
+        if folder.exists() && !folder.is_dir() {
+            return Err(Ended::input(format!("{} is a file, not a folder", folder.display())));
+        }
+        let store = self.database.open().await?;
+        prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let methods: Vec<Method> = checked.plan.methods.iter().map(|m| method_of(*m)).collect();
         let progress = Progress::new(
             checked.summary.steps.len() as u64,
@@ -93,49 +99,36 @@ impl Run {
             tokio::spawn(async move { truth::record(&store, session, &world, to_note).await })
         });
 
-        let ended = self.engine(&checked, &header, &laboratory, &store, observers, &abort).await;
+        let ended = engine(&checked, &header, &laboratory, &store, observers, &abort).await;
         let solved = solving.await?;
-        if let Some(recording) = recording {
-            recording.await??;
-        }
+        let recorded = match recording {
+            Some(recording) => recording.await?,
+            None => Ok(()),
+        };
         progress.finish();
+        // The run's own failure is said first: the others may follow from it.
         let summary = ended?;
         solved?;
-        self.conclude(&store, &summary).await
-    }
-
-    async fn engine(
-        &self,
-        checked: &Checked,
-        header: &SessionHeader,
-        laboratory: &Laboratory,
-        store: &Arc<Store>,
-        observers: Observers,
-        abort: &AbortHandle,
-    ) -> Result<RunSummary, EngineError> {
-        let clock = laboratory.clock.shared();
-        let around = Surroundings {
-            bench: &laboratory.bench,
-            sink: &**store,
-            observers: &observers,
-            clock: &*clock,
-            abort,
-        };
-        let run = Box::pin(beampose_engine::run(&checked.summary.steps, header, &around));
-        let ended = laboratory.clock.drive(run).await;
-        observers.finish(Duration::from_secs(2));
-        ended
+        recorded?;
+        let exit = self.conclude(&store, &summary, &folder).await?;
+        close(store).await;
+        Ok(exit)
     }
 
     /// Analysis, report, last words.
-    async fn conclude(&self, store: &Store, summary: &RunSummary) -> Result<Exit, Ended> {
+    async fn conclude(
+        &self,
+        store: &Store,
+        summary: &RunSummary,
+        folder: &Path,
+    ) -> Result<Exit, Ended> {
         let id = summary.session;
         for failure in &summary.failures {
             complain(&format!("{}: {}", failure.doing, failure.reason));
         }
         let loaded = load(store, id).await?;
         let input = input(store, &loaded).await?;
-        let written = write(&input, &report_folder(self.out.as_ref(), id))?;
+        let written = write(&input, folder)?;
         if let Some(result) = &input.translation {
             store
                 .save_result(&beampose_store::ResultRow {
@@ -166,6 +159,29 @@ impl Run {
             SessionOutcome::Error => Exit::Failed,
         })
     }
+}
+
+/// Runs the steps on the laboratory's clock.
+async fn engine(
+    checked: &Checked,
+    header: &SessionHeader,
+    laboratory: &Laboratory,
+    store: &Arc<Store>,
+    observers: Observers,
+    abort: &AbortHandle,
+) -> Result<RunSummary, EngineError> {
+    let clock = laboratory.clock.shared();
+    let around = Surroundings {
+        bench: &laboratory.bench,
+        sink: &**store,
+        observers: &observers,
+        clock: &*clock,
+        abort,
+    };
+    let run = Box::pin(beampose_engine::run(&checked.summary.steps, header, &around));
+    let ended = laboratory.clock.drive(run).await;
+    observers.finish(Duration::from_secs(2));
+    ended
 }
 
 fn header(checked: &Checked, laboratory: &Laboratory) -> anyhow::Result<SessionHeader> {
@@ -199,9 +215,8 @@ async fn solve_captures(
     while let Some(id) = captured.recv().await {
         let pipeline = match &mut pipeline {
             Some(pipeline) => pipeline,
-            None => pipeline.insert(
-                Pipeline::begin(store.clone(), session, setup.clone(), &methods).await?,
-            ),
+            None => pipeline
+                .insert(Pipeline::begin(store.clone(), session, setup.clone(), &methods).await?),
         };
         let stored = store.captures(session).await?;
         let capture: Option<&StoredCapture> = stored.iter().find(|c| c.id == id);
@@ -227,12 +242,17 @@ async fn listen(abort: AbortHandle) {
             complain("beampose: signals cannot be caught; only Ctrl-C stops the run tidily");
             return;
         };
-        let reason = tokio::select! {
-            _ = tokio::signal::ctrl_c() => "Ctrl-C",
-            _ = term.recv() => "SIGTERM",
-            _ = hangup.recv() => "SIGHUP",
-        };
-        abort.request(reason);
+        loop {
+            let reason = tokio::select! {
+                _ = tokio::signal::ctrl_c() => "Ctrl-C",
+                _ = term.recv() => "SIGTERM",
+                _ = hangup.recv() => "SIGHUP",
+            };
+            if abort.reason().is_some() {
+                complain("beampose: already stopping: laser off first, then `finally`");
+            }
+            abort.request(reason);
+        }
     }
     #[cfg(not(unix))]
     if tokio::signal::ctrl_c().await.is_ok() {

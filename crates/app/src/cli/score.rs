@@ -5,7 +5,7 @@ use beampose_photogrammetry::solve::Method;
 use std::collections::BTreeMap;
 
 use super::sessions::plain_table;
-use super::{Database, Ended, find};
+use super::{Database, Ended, close, find};
 use crate::output::{Exit, print};
 use crate::session_report::load;
 
@@ -31,9 +31,9 @@ impl Score {
         let id = find(&store, &self.session).await?;
         let truths = beampose_store::truth::captures(&store, id).await?;
         if truths.is_empty() {
-            return Err(Ended::input(format!(
-                "session {id} has no truth to compare with: it is not simulated"
-            )));
+            let simulated = store.session(id).await?.header.seed.is_some();
+            let why = if simulated { "it has no captures" } else { "it is not simulated" };
+            return Err(Ended::input(format!("session {id} has no truth to compare with: {why}")));
         }
         let loaded = load(&store, id).await?;
         let mut captures = Vec::new();
@@ -52,10 +52,13 @@ impl Score {
         if self.json {
             let by_name: BTreeMap<&str, &MethodScore> =
                 scores.iter().map(|(m, s)| (m.name(), s)).collect();
-            print(&serde_json::json!({ "session": id.to_string(), "methods": by_name }).to_string());
+            print(
+                &serde_json::json!({ "session": id.to_string(), "methods": by_name }).to_string(),
+            );
         } else {
             print(&table(&scores));
         }
+        close(store).await;
         Ok(Exit::Success)
     }
 }

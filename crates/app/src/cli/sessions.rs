@@ -4,7 +4,7 @@ use beampose_core::SessionOutcome;
 use beampose_store::{SessionSummary, Store, StoredStep};
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 
-use super::{Database, Ended, find};
+use super::{Database, Ended, close, find};
 use crate::output::{Exit, print};
 
 /// List the stored sessions, or show one
@@ -27,11 +27,34 @@ pub struct Sessions {
 impl Sessions {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
-        match &self.session {
+        let ended = match &self.session {
             None => self.list(&store).await,
-            Some(wanted) if self.verify => verify(&store, wanted).await,
+            Some(wanted) if self.verify => self.verified(&store, wanted).await,
             Some(wanted) => self.show(&store, wanted).await,
+        };
+        close(store).await;
+        ended
+    }
+
+    async fn verified(&self, store: &Store, wanted: &str) -> Result<Exit, Ended> {
+        let id = find(store, wanted).await?;
+        let found = store.verify(id).await?;
+        if self.json {
+            let object = serde_json::json!({
+                "session": id.to_string(),
+                "pictures": found.pictures,
+                "bytes": found.bytes,
+                "problems": found.problems,
+            });
+            print(&object.to_string());
+        } else {
+            print(&format!("{} pictures, {} bytes hashed again", found.pictures, found.bytes));
+            found.problems.iter().for_each(|problem| print(problem));
+            if found.is_sound() {
+                print("all sound");
+            }
         }
+        Ok(if found.is_sound() { Exit::Success } else { Exit::Failed })
     }
 
     async fn list(&self, store: &Store) -> Result<Exit, Ended> {
@@ -45,7 +68,15 @@ impl Sessions {
             return Ok(Exit::Success);
         }
         let mut table = plain_table();
-        table.set_header(["session", "began (UTC)", "title", "outcome", "steps", "captures", "solved"]);
+        table.set_header([
+            "session",
+            "began (UTC)",
+            "title",
+            "outcome",
+            "steps",
+            "captures",
+            "solved",
+        ]);
         for s in &sessions {
             table.add_row([
                 Cell::new(s.id),
@@ -118,18 +149,6 @@ impl Sessions {
         print(&format!("{} steps, {} captures", steps.len(), captures.len()));
         Ok(Exit::Success)
     }
-}
-
-async fn verify(store: &Store, wanted: &str) -> Result<Exit, Ended> {
-    let id = find(store, wanted).await?;
-    let found = store.verify(id).await?;
-    print(&format!("{} pictures, {} bytes hashed again", found.pictures, found.bytes));
-    found.problems.iter().for_each(|problem| print(problem));
-    if found.is_sound() {
-        print("all sound");
-        return Ok(Exit::Success);
-    }
-    Ok(Exit::Failed)
 }
 
 fn step_json(step: &StoredStep) -> serde_json::Value {

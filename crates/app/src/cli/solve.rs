@@ -8,7 +8,7 @@ use beampose_photogrammetry::rotation::{from_wxyz, omega_phi_kappa};
 use beampose_photogrammetry::solve::{Method, MethodResult};
 use beampose_store::Store;
 
-use super::{Database, Ended, find};
+use super::{Database, Ended, close, find};
 use crate::output::{Exit, print};
 use crate::pipeline::{Pipeline, Solved};
 use crate::progress::Progress;
@@ -54,6 +54,7 @@ impl Solve {
             let results: usize = solved.iter().map(|s| s.solution.results.len()).sum();
             print(&format!("session {id}: {} of {results} poses solved", results - unsolved));
         }
+        close(store).await;
         Ok(Exit::Success)
     }
 }

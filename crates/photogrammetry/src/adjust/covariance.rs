@@ -30,9 +30,8 @@ pub struct Covariance {
 
 impl Covariance {
     pub(super) fn of(normal: &Normal, layout: &Layout) -> Self {
-        let common = reduce(normal, 0.0)
-            .and_then(|(h, _)| h.cholesky())
-            .map(|factor| factor.inverse());
+        let common =
+            reduce(normal, 0.0).and_then(|(h, _)| h.cholesky()).map(|factor| factor.inverse());
         let points = normal.points.iter().map(|block| cofactor(block, layout.size)).collect();
         Self { layout: layout.clone(), common, points }
     }

@@ -242,8 +242,17 @@ pub(super) mod tests {
 
     pub(crate) fn small_problem() -> Problem {
         let camera = Camera {
-            width: 3456, height: 2592, fx: 3529.0, fy: 3531.0, cx: 1730.0, cy: 1290.0,
-            k1: -0.08, k2: 0.03, p1: 2e-4, p2: -1e-4, k3: 0.001,
+            width: 3456,
+            height: 2592,
+            fx: 3529.0,
+            fy: 3531.0,
+            cx: 1730.0,
+            cy: 1290.0,
+            k1: -0.08,
+            k2: 0.03,
+            p1: 2e-4,
+            p2: -1e-4,
+            k3: 0.001,
         };
         let station = |x: f64, turn: Vector3<f64>| Station {
             centre: Vector3::new(x, 100.0, 2000.0),
@@ -251,13 +260,15 @@ pub(super) mod tests {
                 * Rotation3::new(turn),
         };
         let sigma = InteriorSigma { focal_px: 0.9, principal_point_px: [0.8, 0.4] };
-        let cameras = [(-400.0, Vector3::new(0.05, 0.2, 0.01)), (500.0, Vector3::new(0.02, -0.25, 0.0))]
-            .map(|(x, turn)| CameraStation {
-                station: station(x, turn),
-                camera,
-                interior: Interior::Prior(sigma),
-                correction: Vector3::new(0.3, -0.2, 0.4),
-            });
+        let cameras =
+            [(-400.0, Vector3::new(0.05, 0.2, 0.01)), (500.0, Vector3::new(0.02, -0.25, 0.0))].map(
+                |(x, turn)| CameraStation {
+                    station: station(x, turn),
+                    camera,
+                    interior: Interior::Prior(sigma),
+                    correction: Vector3::new(0.3, -0.2, 0.4),
+                },
+            );
         Problem {
             cameras: cameras.into(),
             modules: vec![ModuleStation {

@@ -173,7 +173,8 @@ fn raise(damping: f64, normal: &Normal, layout: &Layout) -> Result<f64, AdjustEr
         return Ok(damping * 10.0);
     }
     let weak = (0..layout.size).find(|&i| normal.hessian[(i, i)] <= 0.0);
-    let what = weak.map_or("no step lowers the sum of squares", |_| "an unknown has no observation");
+    let what =
+        weak.map_or("no step lowers the sum of squares", |_| "an unknown has no observation");
     Err(AdjustError::Singular(what.to_owned()))
 }
 
@@ -232,11 +233,7 @@ fn damped_step(normal: &Normal, damping: f64) -> Option<Step> {
     Some(Step { gain: normal.gradient.dot(&common) + of_points, common, points })
 }
 
-fn back_substitute(
-    block: &PointBlock,
-    step: &DVector<f64>,
-    damping: f64,
-) -> Option<Vector3<f64>> {
+fn back_substitute(block: &PointBlock, step: &DVector<f64>, damping: f64) -> Option<Vector3<f64>> {
     let mut right = block.gradient;
     for (i, w) in &block.coupling {
         right -= w * step[*i];
@@ -291,9 +288,8 @@ fn summarise(
         .sum::<usize>()
         + problem.modules.iter().filter(|m| m.scale_prior.1 > 0.0).count()
         + usize::from(problem.artefact_scale_sigma > 0.0);
-    let rows = 2 * (problem.images.len() + problem.beams.len())
-        + 3 * problem.controls.len()
-        + priors;
+    let rows =
+        2 * (problem.images.len() + problem.beams.len()) + 3 * problem.controls.len() + priors;
     // A point whose observations were all left out has no part in the sum.
     let points = fit.normal.points.iter().filter(|b| b.own != Matrix3::zeros()).count();
     Summary {

@@ -15,6 +15,9 @@ pub enum CameraInfoError {
     /// Another distortion model.
     #[error("distortion_model is {0:?}; only plumb_bob (five coefficients) is known")]
     Model(String),
+    /// A number that no camera has.
+    #[error("{0}")]
+    Value(String),
     /// A matrix of the wrong size.
     #[error("{name} has {found} numbers, expected {expected}")]
     Size {
@@ -53,12 +56,16 @@ pub fn read_camera_info(text: &str) -> Result<Camera, CameraInfoError> {
         return Err(CameraInfoError::Model(info.distortion_model));
     }
     let size = |name, found: usize, expected| {
-        if found == expected { Ok(()) } else { Err(CameraInfoError::Size { name, found, expected }) }
+        if found == expected {
+            Ok(())
+        } else {
+            Err(CameraInfoError::Size { name, found, expected })
+        }
     };
     let (k, d) = (&info.camera_matrix.data, &info.distortion_coefficients.data);
     size("camera_matrix", k.len(), 9)?;
     size("distortion_coefficients", d.len(), 5)?;
-    Ok(Camera {
+    let camera = Camera {
         width: info.image_width,
         height: info.image_height,
         fx: k[0],
@@ -70,7 +77,28 @@ pub fn read_camera_info(text: &str) -> Result<Camera, CameraInfoError> {
         p1: d[2],
         p2: d[3],
         k3: d[4],
-    })
+    };
+    plausible(&camera).map_err(CameraInfoError::Value)?;
+    Ok(camera)
+}
+
+/// Numbers that no camera has are a slip in the file.
+fn plausible(c: &Camera) -> Result<(), String> {
+    let all = [c.fx, c.fy, c.cx, c.cy, c.k1, c.k2, c.p1, c.p2, c.k3];
+    if !all.iter().all(|x| x.is_finite()) {
+        return Err("a number of the calibration is not finite".to_owned());
+    }
+    if c.fx <= 0.0 || c.fy <= 0.0 {
+        return Err(format!("the focal lengths {} and {} must be above zero", c.fx, c.fy));
+    }
+    let inside = |at: f64, size: usize| at >= 0.0 && at <= size as f64;
+    if !inside(c.cx, c.width) || !inside(c.cy, c.height) {
+        return Err(format!(
+            "the principal point ({}, {}) is outside the picture of {} x {} pixels",
+            c.cx, c.cy, c.width, c.height
+        ));
+    }
+    Ok(())
 }
 
 /// Writes a `camera_info` file as ROS' and OpenCV's tools read it.
@@ -87,7 +115,21 @@ pub fn write_camera_info(name: &str, camera: &Camera) -> String {
          data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n\
          projection_matrix:\n  rows: 3\n  cols: 4\n  \
          data: [{}, 0.0, {}, 0.0, 0.0, {}, {}, 0.0, 0.0, 0.0, 1.0, 0.0]\n",
-        c.width, c.height, c.fx, c.cx, c.fy, c.cy, c.k1, c.k2, c.p1, c.p2, c.k3, c.fx, c.cx, c.fy, c.cy
+        c.width,
+        c.height,
+        c.fx,
+        c.cx,
+        c.fy,
+        c.cy,
+        c.k1,
+        c.k2,
+        c.p1,
+        c.p2,
+        c.k3,
+        c.fx,
+        c.cx,
+        c.fy,
+        c.cy
     );
     text
 }
@@ -99,15 +141,39 @@ mod tests {
     #[test]
     fn what_is_written_reads_back() {
         let camera = Camera {
-            width: 3456, height: 2592, fx: 3529.25, fy: 3530.5, cx: 1727.5, cy: 1295.5,
-            k1: -0.1, k2: 0.02, p1: 1e-4, p2: -2e-4, k3: 0.0,
+            width: 3456,
+            height: 2592,
+            fx: 3529.25,
+            fy: 3530.5,
+            cx: 1727.5,
+            cy: 1295.5,
+            k1: -0.1,
+            k2: 0.02,
+            p1: 1e-4,
+            p2: -2e-4,
+            k3: 0.0,
         };
         assert_eq!(read_camera_info(&write_camera_info("cam_a", &camera)).unwrap(), camera);
     }
 
     #[test]
     fn another_distortion_model_is_refused() {
-        let text = write_camera_info("c", &Camera { width: 1, height: 1, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 });
+        let text = write_camera_info(
+            "c",
+            &Camera {
+                width: 1,
+                height: 1,
+                fx: 1.0,
+                fy: 1.0,
+                cx: 0.0,
+                cy: 0.0,
+                k1: 0.0,
+                k2: 0.0,
+                p1: 0.0,
+                p2: 0.0,
+                k3: 0.0,
+            },
+        );
         let fisheye = text.replace("plumb_bob", "equidistant");
         assert!(matches!(read_camera_info(&fisheye), Err(CameraInfoError::Model(_))));
     }

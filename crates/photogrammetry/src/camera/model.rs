@@ -147,8 +147,17 @@ mod tests {
 
     fn camera() -> Camera {
         Camera {
-            width: 3456, height: 2592, fx: 3529.4, fy: 3530.1, cx: 1730.2, cy: 1291.7,
-            k1: -0.11, k2: 0.05, p1: 4e-4, p2: -3e-4, k3: -0.004,
+            width: 3456,
+            height: 2592,
+            fx: 3529.4,
+            fy: 3530.1,
+            cx: 1730.2,
+            cy: 1291.7,
+            k1: -0.11,
+            k2: 0.05,
+            p1: 4e-4,
+            p2: -3e-4,
+            k3: -0.004,
         }
     }
 
@@ -160,10 +169,14 @@ mod tests {
             let mut step = Vector3::zeros();
             step[axis] = 1e-3;
             let slope = (camera.project(&(point + step)).unwrap()
-                - camera.project(&(point - step)).unwrap()) / 2e-3;
+                - camera.project(&(point - step)).unwrap())
+                / 2e-3;
             assert!((slope - at.by_point.column(axis)).norm() < 1e-7, "axis {axis}");
         }
-        let values = [camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.p1, camera.p2, camera.k3];
+        let values = [
+            camera.fx, camera.fy, camera.cx, camera.cy, camera.k1, camera.k2, camera.p1, camera.p2,
+            camera.k3,
+        ];
         let with = |values: [f64; 9]| {
             let [fx, fy, cx, cy, k1, k2, p1, p2, k3] = values;
             Camera { fx, fy, cx, cy, k1, k2, p1, p2, k3, ..camera }.project(&point).unwrap()
@@ -182,7 +195,8 @@ mod tests {
     #[test]
     fn normalise_undoes_project() {
         let camera = camera();
-        for (x, y) in [(0.0, 0.0), (0.0, 2591.0), (3455.0, 0.0), (3455.0, 2591.0), (1700.0, 300.0)] {
+        for (x, y) in [(0.0, 0.0), (0.0, 2591.0), (3455.0, 0.0), (3455.0, 2591.0), (1700.0, 300.0)]
+        {
             let n = camera.normalise(&Vector2::new(x, y)).unwrap();
             let back = camera.project(&Vector3::new(n.x, n.y, 1.0)).unwrap();
             assert!((back - Vector2::new(x, y)).norm() < 1e-8);

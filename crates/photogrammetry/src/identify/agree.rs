@@ -20,7 +20,11 @@ const MEET: f64 = 3e-3;
 ///
 /// # Errors
 /// Which views do not agree.
-pub(super) fn agree(views: &[View], labels: &mut [Labels], pattern: &Pattern) -> Result<(), String> {
+pub(super) fn agree(
+    views: &[View],
+    labels: &mut [Labels],
+    pattern: &Pattern,
+) -> Result<(), String> {
     let count = |l: &Labels| l.iter().flatten().count();
     let mut order: Vec<usize> = (0..views.len()).collect();
     order.sort_by_key(|&i| std::cmp::Reverse(count(&labels[i])));
@@ -55,7 +59,8 @@ fn best_alike(
     pattern: &Pattern,
 ) -> Option<Labels> {
     let known = rays_by_order(views, labels, done);
-    let reach = |limit: i32| (-limit..=limit).flat_map(move |m| (-limit..=limit).map(move |n| (m, n)));
+    let reach =
+        |limit: i32| (-limit..=limit).flat_map(move |m| (-limit..=limit).map(move |n| (m, n)));
     for limit in [0, 2] {
         let best = (0..4)
             .flat_map(|turn| reach(limit).map(move |shift| (turn, shift)))

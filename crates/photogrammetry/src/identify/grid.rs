@@ -95,12 +95,8 @@ fn seeds(points: &[Vector2<f64>]) -> Vec<usize> {
 /// and span a cell whose far corner is there too.
 fn basis_at(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
     let origin = points[seed];
-    let mut near: Vec<Vector2<f64>> = points
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| *i != seed)
-        .map(|(_, p)| p - origin)
-        .collect();
+    let mut near: Vec<Vector2<f64>> =
+        points.iter().enumerate().filter(|(i, _)| *i != seed).map(|(_, p)| p - origin).collect();
     near.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
     near.truncate(NEIGHBOURS);
     let there = |at: Vector2<f64>, size: f64| near.iter().any(|p| (p - at).norm() < 0.25 * size);
@@ -208,7 +204,11 @@ mod tests {
     use super::*;
 
     /// An 11x11 grid in perspective, turned by `degrees`, with some dots hidden and strays added.
-    fn picture(degrees: f64, hide_every: usize, strays: usize) -> (Vec<Vector2<f64>>, Vec<Option<Cell>>) {
+    fn picture(
+        degrees: f64,
+        hide_every: usize,
+        strays: usize,
+    ) -> (Vec<Vector2<f64>>, Vec<Option<Cell>>) {
         let (s, c) = degrees.to_radians().sin_cos();
         let mut points = Vec::new();
         let mut truth = Vec::new();

@@ -173,10 +173,13 @@ impl Pattern {
 /// circles, each further beam the fourth corner of a rhombus.
 fn equal_angle_quadrant(half: usize, step: f64) -> Vec<Vec<Vector3<f64>>> {
     let mut beams = vec![vec![Vector3::z(); half + 1]; half + 1];
-    for k in 0..=half {
+    for (k, beam) in beams[0].iter_mut().enumerate() {
         let (sine, cosine) = (k as f64 * step).sin_cos();
-        beams[0][k] = Vector3::new(sine, 0.0, cosine);
-        beams[k][0] = Vector3::new(0.0, sine, cosine);
+        *beam = Vector3::new(sine, 0.0, cosine);
+    }
+    for (k, row) in beams.iter_mut().enumerate() {
+        let (sine, cosine) = (k as f64 * step).sin_cos();
+        row[0] = Vector3::new(0.0, sine, cosine);
     }
     for row in 1..=half {
         for column in 1..=half {

@@ -136,10 +136,26 @@ pub(crate) fn homography(from: &[Vector2<f64>], to: &[Vector2<f64>]) -> Option<M
         let p = t_from * a.push(1.0);
         let q = t_to * b.push(1.0);
         let row_x = SVector::<f64, 9>::from_row_slice(&[
-            p.x, p.y, 1.0, 0.0, 0.0, 0.0, -q.x * p.x, -q.x * p.y, -q.x,
+            p.x,
+            p.y,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            -q.x * p.x,
+            -q.x * p.y,
+            -q.x,
         ]);
         let row_y = SVector::<f64, 9>::from_row_slice(&[
-            0.0, 0.0, 0.0, p.x, p.y, 1.0, -q.y * p.x, -q.y * p.y, -q.y,
+            0.0,
+            0.0,
+            0.0,
+            p.x,
+            p.y,
+            1.0,
+            -q.y * p.x,
+            -q.y * p.y,
+            -q.y,
         ]);
         normal += row_x * row_x.transpose() + row_y * row_y.transpose();
     }
@@ -208,7 +224,12 @@ fn normal_equations(
         }
         let residual = direction - Vector2::new(p.x / p.z, p.y / p.z);
         let by_point = SMatrix::<f64, 2, 3>::new(
-            1.0 / p.z, 0.0, -p.x / (p.z * p.z), 0.0, 1.0 / p.z, -p.y / (p.z * p.z),
+            1.0 / p.z,
+            0.0,
+            -p.x / (p.z * p.z),
+            0.0,
+            1.0 / p.z,
+            -p.y / (p.z * p.z),
         );
         let by_centre = -by_point * station_from_world;
         let by_turn = by_point * station_from_world * arm.cross_matrix();
@@ -241,7 +262,6 @@ pub(crate) fn triangulate(rays: &[(&Station, Vector2<f64>)]) -> Option<Vector3<f
     (smallest > 1e-6).then(|| a.cholesky().map(|c| c.solve(&b)))?
 }
 
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -250,7 +270,10 @@ mod tests {
         let z = (target - centre).normalize();
         let x = z.cross(&Vector3::y()).normalize();
         let y = z.cross(&x);
-        Station { centre, rotation: Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, z])) }
+        Station {
+            centre,
+            rotation: Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, z])),
+        }
     }
 
     fn see(station: &Station, points: &[Vector3<f64>]) -> Vec<Vector2<f64>> {
@@ -263,7 +286,8 @@ mod tests {
 
     #[test]
     fn a_station_is_found_from_flat_and_from_solid_points() {
-        let station = look_at(Vector3::new(-1500.0, 700.0, 1900.0), Vector3::new(-300.0, 200.0, 0.0));
+        let station =
+            look_at(Vector3::new(-1500.0, 700.0, 1900.0), Vector3::new(-300.0, 200.0, 0.0));
         for depth in [0.0, 12.0, 150.0] {
             let points: Vec<_> = (0..8)
                 .map(|i| {

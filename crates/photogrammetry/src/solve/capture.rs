@@ -7,7 +7,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3};
 
 use super::by_angles::{self, Dots};
 use super::orient::{Oriented, orient};
-use super::points::{Scene, build};
+use super::points::{RoughModule, Scene, build};
 use super::types::{
     CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, Subject,
 };
@@ -230,12 +230,7 @@ fn dots_of(scene: &Scene, summary: &Summary) -> (Vec<usize>, Vec<Order>, Vec<Vec
     found
 }
 
-fn turned(
-    setup: &Setup,
-    scene: &Scene,
-    summary: &Summary,
-    scale: f64,
-) -> Result<Labelled, String> {
+fn turned(setup: &Setup, scene: &Scene, summary: &Summary, scale: f64) -> Result<Labelled, String> {
     let (_, orders, places) = dots_of(scene, summary);
     if places.len() < FEWEST_BEAMS {
         return Err(format!("{} dots found in space, {FEWEST_BEAMS} needed", places.len()));
@@ -327,7 +322,8 @@ fn by_virtual_camera(
         let d = setup.pattern.direction(order, scale.0)?;
         Some(Vector2::new(d.x / d.z, d.y / d.z))
     };
-    let mut scene = build(setup, &cameras, labels, Some((module, &tangent)));
+    let rough = RoughModule { station: module, tangent: &tangent };
+    let mut scene = build(setup, &cameras, labels, Some(rough));
     scene.problem.modules.push(ModuleStation {
         station: *module,
         scale: scale.0,

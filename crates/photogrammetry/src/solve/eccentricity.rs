@@ -43,8 +43,17 @@ mod tests {
     #[test]
     fn the_offset_is_that_of_the_projected_rim() {
         let camera = Camera {
-            width: 3456, height: 2592, fx: 3529.0, fy: 3529.0, cx: 1727.5, cy: 1295.5,
-            k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0,
+            width: 3456,
+            height: 2592,
+            fx: 3529.0,
+            fy: 3529.0,
+            cx: 1727.5,
+            cy: 1295.5,
+            k1: 0.0,
+            k2: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            k3: 0.0,
         };
         let station = Station { centre: Vector3::zeros(), rotation: Rotation3::identity() };
         let centre = Vector3::new(500.0, 100.0, 2000.0);

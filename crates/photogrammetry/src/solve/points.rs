@@ -7,9 +7,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use super::eccentricity::circle_image_offset;
 use super::orient::Oriented;
 use super::types::Subject;
-use crate::adjust::{
-    CameraStation, Control, ImageObservation, Interior, Problem,
-};
+use crate::adjust::{CameraStation, Control, ImageObservation, Interior, Problem};
 use crate::detect::ImagePoint;
 use crate::pattern::Order;
 use crate::pose::{Station, triangulate};
@@ -38,19 +36,23 @@ impl Scene {
 /// The sightings of one subject: (camera, image point).
 type Seen = BTreeMap<Subject, Vec<(usize, ImagePoint)>>;
 
+/// Where the module is, roughly, and its beams on the plane z = 1.
+#[derive(Clone, Copy)]
+pub(super) struct RoughModule<'a> {
+    pub station: &'a Station,
+    pub tangent: &'a dyn Fn(Order) -> Option<Vector2<f64>>,
+}
+
 /// Sets up cameras, targets and those dots that can be placed in space: by two cameras, or by one
 /// camera and the module where its rough pose is known.
 pub(super) fn build(
     setup: &Setup,
     cameras: &[Oriented<'_>],
     labels: &[Vec<Option<Order>>],
-    module: Option<(&Station, &dyn Fn(Order) -> Option<Vector2<f64>>)>,
+    module: Option<RoughModule<'_>>,
 ) -> Scene {
-    let mut scene = Scene {
-        problem: cameras_of(setup, cameras),
-        subjects: Vec::new(),
-        dot_variance: 1.0,
-    };
+    let mut scene =
+        Scene { problem: cameras_of(setup, cameras), subjects: Vec::new(), dot_variance: 1.0 };
     scene.problem.artefact_scale_sigma = setup.artefact.scale_relative_u;
     for (subject, seen) in sightings(setup, cameras, labels) {
         let control = control(setup, subject);
@@ -58,10 +60,10 @@ pub(super) fn build(
             .iter()
             .filter_map(|(c, p)| Some((&cameras[*c].station, cameras[*c].camera.normalise(&p.at)?)))
             .collect();
-        if let (Subject::Dot(order), Some((station, tangent))) = (subject, module)
-            && let Some(direction) = tangent(order)
+        if let (Subject::Dot(order), Some(module)) = (subject, module)
+            && let Some(direction) = (module.tangent)(order)
         {
-            rays.push((station, direction));
+            rays.push((module.station, direction));
         }
         let Some(at) = control.map(|c| c.0).or_else(|| triangulate(&rays)) else { continue };
         let ahead = rays.iter().all(|(station, _)| station.station_point(&at).z > 1.0);
@@ -97,7 +99,9 @@ fn cameras_of(setup: &Setup, cameras: &[Oriented<'_>]) -> Problem {
 
 fn interior(setup: &Setup, name: &str) -> Interior {
     match setup.cameras.get(name) {
-        Some(c) if c.sigma.focal_px > 0.0 && c.sigma.principal_point_px.iter().all(|s| *s > 0.0) => {
+        Some(c)
+            if c.sigma.focal_px > 0.0 && c.sigma.principal_point_px.iter().all(|s| *s > 0.0) =>
+        {
             Interior::Prior(c.sigma)
         }
         _ => Interior::Fixed,

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use beampose_photogrammetry::detect::{Dot, DotQuality, ImagePoint, Target};
+use beampose_photogrammetry::pose::Station;
 use beampose_photogrammetry::rotation::from_omega_phi_kappa;
 use beampose_photogrammetry::solve::{Sighting, circle_image_offset};
-use beampose_photogrammetry::pose::Station;
 use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, Camera, InteriorSigma, Order, Pattern,
     PatternModel, PatternUncertainty, Setup, TieTargets,
@@ -51,15 +51,29 @@ fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
 
 fn setup() -> Setup {
     let model = Camera {
-        width: 3456, height: 2592, fx: 3529.41, fy: 3529.41, cx: 1727.5, cy: 1295.5,
-        k1: -0.08, k2: 0.03, p1: 2e-4, p2: -1e-4, k3: 0.0,
+        width: 3456,
+        height: 2592,
+        fx: 3529.41,
+        fy: 3529.41,
+        cx: 1727.5,
+        cy: 1295.5,
+        k1: -0.08,
+        k2: 0.03,
+        p1: 2e-4,
+        p2: -1e-4,
+        k3: 0.0,
     };
     let sigma = InteriorSigma { focal_px: 0.94, principal_point_px: [0.82, 0.35] };
     let camera = CalibratedCamera { model, sigma };
     let places = [
-        (45, [100.0, 0.0, 0.0]), (51, [360.0, 0.0, 12.0]), (53, [230.0, 130.0, 0.0]),
-        (75, [100.0, 200.0, 12.0]), (77, [360.0, 200.0, 0.0]), (83, [230.0, 300.0, 12.0]),
-        (85, [100.0, 400.0, 0.0]), (89, [360.0, 400.0, 0.0]),
+        (45, [100.0, 0.0, 0.0]),
+        (51, [360.0, 0.0, 12.0]),
+        (53, [230.0, 130.0, 0.0]),
+        (75, [100.0, 200.0, 12.0]),
+        (77, [360.0, 200.0, 0.0]),
+        (83, [230.0, 300.0, 12.0]),
+        (85, [100.0, 400.0, 0.0]),
+        (89, [360.0, 400.0, 0.0]),
     ];
     let target = |(code, xyz_mm)| ArtefactTarget { code, xyz_mm, u_mm: 0.01, radius_mm: 6.0 };
     Setup {
@@ -68,7 +82,11 @@ fn setup() -> Setup {
             columns: 11,
             rows: 11,
             reference_wavelength_nm: 658.0,
-            model: PatternModel::RadialGrid { pitch_mm: 52.22, k1_per_mm2: 3.5e-8, distance_mm: 1000.0 },
+            model: PatternModel::RadialGrid {
+                pitch_mm: 52.22,
+                k1_per_mm2: 3.5e-8,
+                distance_mm: 1000.0,
+            },
             u: PatternUncertainty { angle_deg: 0.0013, common_relative: 1e-4 },
             zero_order_relative_intensity: Some(3.0),
         },
@@ -124,7 +142,14 @@ impl Laboratory {
                 (t.code, Vector3::from(t.xyz_mm) * artefact_scale + error, t.radius_mm)
             })
             .collect();
-        let ties = [(99, -1000.0, 0.0), (101, -1000.0, 400.0), (105, -700.0, 760.0), (107, -100.0, 760.0), (113, -700.0, -360.0), (117, -100.0, -360.0)];
+        let ties = [
+            (99, -1000.0, 0.0),
+            (101, -1000.0, 400.0),
+            (105, -700.0, 760.0),
+            (107, -100.0, 760.0),
+            (113, -700.0, -360.0),
+            (117, -100.0, -360.0),
+        ];
         targets.extend(ties.map(|(code, x, y)| (code, Vector3::new(x, y, 0.0), 6.0)));
         let sigma = setup.pattern.u.angle_deg.to_radians();
         let beams = setup
@@ -214,7 +239,13 @@ fn some_point() -> ImagePoint {
 }
 
 fn some_dot() -> Dot {
-    Dot { point: some_point(), amplitude: 0.0, background: 30.0, sigma: [3.0, 3.0], quality: DotQuality::default() }
+    Dot {
+        point: some_point(),
+        amplitude: 0.0,
+        background: 30.0,
+        sigma: [3.0, 3.0],
+        quality: DotQuality::default(),
+    }
 }
 
 fn some_target() -> Target {

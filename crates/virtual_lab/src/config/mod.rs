@@ -18,7 +18,7 @@ pub struct WorldConfig {
     /// Whether true values differ from the declared ones.
     pub errors: ErrorDraw,
     /// Linear scale of all pictures, above 0 and up to 1; 1 gives the cameras' full size. The
-    /// calibration shrinks with it: [`crate::World::calibration`] is what a solver must be told.
+    /// calibration shrinks with it: [`crate::World::calibrations`] is what a solver must be told.
     pub picture_scale: f64,
     /// The module at rail 0 and rotation 0.
     pub module: ModuleConfig,
