@@ -5,18 +5,19 @@ use std::path::Path;
 
 use beampose_core::Quantity;
 use beampose_photogrammetry::camera::read_camera_info;
-use beampose_photogrammetry::pattern::read_pattern;
+use beampose_photogrammetry::pattern::read_pattern_with;
 use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Setup, TieTargets,
 };
 use beampose_plan::Rig;
 use beampose_plan::rig::instruments::Camera;
 
+use crate::exchange::beams;
 use crate::input::referred;
 
 /// Standard uncertainty of a wavelength reading where the rig declares none, nanometres: what a
 /// simple wavelength meter has.
-const WAVELENGTH_U_NM: f64 = 0.1;
+pub const WAVELENGTH_U_NM: f64 = 0.1;
 
 /// Everything that solving needs, at the cameras' full picture size.
 ///
@@ -29,8 +30,12 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
     }
     let m = &rig.measurement;
     let text = referred(folder, &m.pattern.value, "pattern")?;
-    let pattern = read_pattern(&text)
-        .map_err(|error| format!("{}: {error}", folder.join(&m.pattern.value).display()))?;
+    let path = folder.join(&m.pattern.value);
+    let beside = path.parent().unwrap_or(folder);
+    let pattern = read_pattern_with(&text, |file, size| {
+        beams::parse(file, &referred(beside, file, "table of beams")?, size)
+    })
+    .map_err(|error| format!("{}: {error}", path.display()))?;
     let wavelength_u_nm = rig
         .sensors()
         .filter(|(_, s)| s.reads == Quantity::Wavelength)

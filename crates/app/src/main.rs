@@ -3,6 +3,7 @@
 
 mod calibration;
 mod cli;
+mod exchange;
 mod input;
 mod output;
 mod pipeline;

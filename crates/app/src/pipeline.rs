@@ -11,7 +11,7 @@ use beampose_photogrammetry::detect::{
     DotOptions, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
 };
 use beampose_photogrammetry::solve::{
-    CaptureSolution, Method, Sighting, StageSeconds, solve_capture,
+    CaptureSolution, Method, MethodResult, Sighting, StageSeconds, solve_capture,
 };
 use beampose_photogrammetry::{Setup, decode};
 use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
@@ -159,6 +159,48 @@ fn sight(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<(Sighting, f64, f6
     let mut dots = find_dots(&image, &DotOptions::default()).dots;
     drop_dots_on_targets(&mut dots, &targets);
     Ok((Sighting { dots, targets }, decoded, before.elapsed().as_secs_f64()))
+}
+
+/// Adjusts all captures of a solved session together, as a further processing that holds the
+/// captures' own results as well.
+///
+/// # Errors
+/// When the session cannot be adjusted as a whole, or the store fails.
+pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result<Vec<Solved>> {
+    let loaded = crate::session_report::load(store, id).await?;
+    let (setup, captures) = (Arc::new(loaded.setup), Arc::new(loaded.captures));
+    let before = Instant::now();
+    let joint = {
+        let (setup, captures) = (setup.clone(), captures.clone());
+        tokio::task::spawn_blocking(move || {
+            crate::session_report::adjust_together(&setup, &captures)
+        })
+        .await?
+        .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?
+    };
+    let share = before.elapsed().as_secs_f64() / captures.len().max(1) as f64;
+    let pipeline = Pipeline::begin(store.clone(), id, setup.clone(), &Method::ALL).await?;
+    let mut all = Vec::new();
+    for (capture, pose) in captures.iter().zip(joint.poses) {
+        let Ok(solution) = &capture.solution else { continue };
+        let mut solution = solution.clone();
+        solution.results.retain(|r| r.method != Method::SessionAdjustment);
+        let alike = solution.results.iter().find(|r| r.method == Method::VirtualCamera);
+        solution.results.push(MethodResult {
+            method: Method::SessionAdjustment,
+            pose,
+            beams_used: alike.map_or(0, |r| r.beams_used),
+            sigma0: joint.sigma0,
+            wavelength_nm: alike.map_or(setup.pattern.reference_wavelength_nm, |r| r.wavelength_nm),
+            ambiguous: alike.is_some_and(|r| r.ambiguous),
+        });
+        let seconds = StageSeconds { adjust: capture.seconds.adjust + share, ..capture.seconds };
+        let solved = Solved { capture: capture.id.clone(), solution, seconds };
+        store.save_solution(pipeline.processing, &row(&solved)?).await?;
+        all.push(solved);
+    }
+    pipeline.finish().await?;
+    Ok(all)
 }
 
 fn row(solved: &Solved) -> anyhow::Result<SolutionRow> {

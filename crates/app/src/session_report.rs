@@ -6,14 +6,19 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
 use beampose_analysis::{
-    Decision, DistanceRule, Limits, ReportInput, StatedScale, TranslationInput, TranslationResult,
-    TravelCapture, Verdict, translation,
+    Decision, DistanceRule, JointCovariance, Limits, ReportInput, StatedScale, TranslationInput,
+    TranslationResult, TravelCapture, Verdict, translation,
 };
 use beampose_core::units::Millimetre;
-use beampose_core::{EventKind, Identity, InstrumentName, Quantity, SessionId, SessionOutcome};
-use beampose_photogrammetry::solve::{CaptureSolution, Method};
+use beampose_core::{
+    CaptureId, EventKind, Identity, InstrumentName, Quantity, SessionHeader, SessionId,
+    SessionOutcome,
+};
+use beampose_photogrammetry::solve::{
+    CaptureSolution, Method, SessionSolution, SolvedCapture, solve_session,
+};
 use beampose_photogrammetry::{Setup, decode};
-use beampose_plan::{Analyse, Plan, read_plan};
+use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
 use crate::pipeline::solution_of;
@@ -22,8 +27,8 @@ use crate::pipeline::solution_of;
 pub struct Loaded {
     /// The session.
     pub session: StoredSession,
-    /// Its plan, read again from its stored text.
-    pub plan: Plan,
+    /// Its plan, read again from its stored text; none where the session was imported.
+    pub plan: Option<Plan>,
     /// What solving was told.
     pub setup: Setup,
     /// The processing shown.
@@ -40,8 +45,7 @@ pub struct Loaded {
 /// When there is no processing yet, or what is stored cannot be read.
 pub async fn load(store: &Store, id: SessionId) -> anyhow::Result<Loaded> {
     let session = store.session(id).await?;
-    let plan = read_plan("stored plan", session.header.plan_text.as_bytes())
-        .map_err(|faults| anyhow::anyhow!("the session's plan cannot be read:\n{faults}"))?;
+    let plan = plan_of(&session.header)?;
     let setup = serde_json::from_str(&session.header.measurement_json)
         .context("the session's measurement setup cannot be read")?;
     let processing = store
@@ -54,6 +58,16 @@ pub async fn load(store: &Store, id: SessionId) -> anyhow::Result<Loaded> {
         captures.push(report_capture(store, &processing, capture).await?);
     }
     Ok(Loaded { session, plan, setup, processing, captures, stored })
+}
+
+/// A session's plan; an imported one has none, since another program took its pictures.
+fn plan_of(header: &SessionHeader) -> anyhow::Result<Option<Plan>> {
+    if header.plan_text.is_empty() {
+        return Ok(None);
+    }
+    read_plan("stored plan", header.plan_text.as_bytes())
+        .map(Some)
+        .map_err(|faults| anyhow::anyhow!("the session's plan cannot be read:\n{faults}"))
 }
 
 async fn report_capture(
@@ -93,31 +107,36 @@ impl Loaded {
 
     /// The plan's analysis.
     pub fn translation(&self) -> Option<TranslationResult> {
-        let Analyse::Translation { pass, axis_key, .. } = self.plan.analyse.as_ref()?;
-        let captures = self.captures.iter().map(|c| travel_capture(c, pass, axis_key)).collect();
-        Some(translation(&TranslationInput {
-            captures,
-            scale_relative_u: self.setup.artefact.scale_relative_u,
-            stated_scale: StatedScale::Included,
-            rule: DistanceRule::AlongTravel,
-            limits: self.limits(),
-        }))
+        let plan = self.plan.as_ref()?;
+        let Analyse::Translation { pass, axis_key, .. } = plan.analyse.as_ref()?;
+        let of = |methods: &[Method], rule: DistanceRule<'_>| {
+            let travel = |c| travel_capture(c, pass, axis_key, methods);
+            translation(&TranslationInput {
+                captures: self.captures.iter().map(travel).collect(),
+                scale_relative_u: self.setup.artefact.scale_relative_u,
+                stated_scale: StatedScale::Included,
+                rule,
+                limits: limits(&plan.accept, methods),
+            })
+        };
+        let alone = of(&Method::OF_A_CAPTURE, DistanceRule::AlongTravel);
+        // What the poses of a session share cancels in their distances: its joint covariance says
+        // how far. It is not stored, since it follows from what is.
+        Some(match self.joint() {
+            Some(joint) => {
+                alone.merged(of(&[Method::SessionAdjustment], DistanceRule::Joint(&joint)))
+            }
+            None => alone,
+        })
     }
 
-    fn limits(&self) -> Limits {
-        let accept = &self.plan.accept;
-        let max_abs_difference = accept
-            .limits
-            .iter()
-            .filter_map(|(method, limits)| {
-                Some((method_of(*method), limits.max_abs_mean_difference?))
-            })
-            .collect();
-        Limits {
-            max_abs_difference,
-            min_solved_fraction: accept.min_solved_fraction,
-            decision: Decision::Simple,
+    fn joint(&self) -> Option<Joint> {
+        if !self.methods().contains(&Method::SessionAdjustment) {
+            return None;
         }
+        let solution = adjust_together(&self.setup, &self.captures).ok()?;
+        let ids = self.captures.iter().enumerate().map(|(i, c)| (c.id.clone(), i)).collect();
+        Some(Joint { solution, ids })
     }
 
     /// How the session ended; one that never closed ended by an error.
@@ -132,21 +151,78 @@ impl Loaded {
     }
 }
 
+fn limits(accept: &Accept, methods: &[Method]) -> Limits {
+    let max_abs_difference = accept
+        .limits
+        .iter()
+        .filter_map(|(method, limits)| Some((method_of(*method), limits.max_abs_mean_difference?)))
+        .filter(|(method, _)| methods.contains(method))
+        .collect();
+    Limits {
+        max_abs_difference,
+        min_solved_fraction: accept.min_solved_fraction,
+        decision: Decision::Simple,
+    }
+}
+
 /// A plan's method as the solver's.
 pub fn method_of(method: beampose_plan::Method) -> Method {
     match method {
         beampose_plan::Method::InterBeamAngles => Method::InterBeamAngles,
         beampose_plan::Method::VirtualCamera => Method::VirtualCamera,
+        beampose_plan::Method::SessionAdjustment => Method::SessionAdjustment,
     }
 }
 
-fn travel_capture(capture: &ReportCapture, pass: &str, axis_key: &str) -> TravelCapture {
+/// The joint covariance of a session's positions.
+struct Joint {
+    solution: SessionSolution,
+    ids: BTreeMap<CaptureId, usize>,
+}
+
+impl JointCovariance for Joint {
+    fn block(&self, a: &CaptureId, b: &CaptureId) -> Option<[[f64; 3]; 3]> {
+        let covariance = self.solution.between(*self.ids.get(a)?, *self.ids.get(b)?)?;
+        Some(std::array::from_fn(|r| std::array::from_fn(|c| covariance[(r, c)])))
+    }
+}
+
+/// Adjusts all captures of a session together, from their own solutions.
+///
+/// # Errors
+/// Why there is no solution, in words.
+pub fn adjust_together(
+    setup: &Setup,
+    captures: &[ReportCapture],
+) -> Result<SessionSolution, String> {
+    let solved: Option<Vec<SolvedCapture<'_>>> = captures
+        .iter()
+        .map(|c| {
+            let wavelength_nm = c.readings.get("wavelength_nm").copied();
+            Some(SolvedCapture { solution: c.solution.as_ref().ok()?, wavelength_nm })
+        })
+        .collect();
+    let solved = solved.ok_or("not all captures were solved by themselves in this processing")?;
+    solve_session(setup, &solved)
+}
+
+fn travel_capture(
+    capture: &ReportCapture,
+    pass: &str,
+    axis_key: &str,
+    methods: &[Method],
+) -> TravelCapture {
     let setpoint = capture.setpoints.get(axis_key).copied().unwrap_or_default();
     let readback = capture.readings.get(axis_key).copied().unwrap_or(setpoint);
     let turn = capture.setpoints.get(pass).copied().unwrap_or(1.0);
     let poses = match &capture.solution {
-        Ok(solution) => solution.results.iter().map(|r| (r.method, r.pose.clone())).collect(),
-        Err(reason) => Method::ALL.map(|m| (m, Err(reason.clone()))).into(),
+        Ok(solution) => solution
+            .results
+            .iter()
+            .filter(|r| methods.contains(&r.method))
+            .map(|r| (r.method, r.pose.clone()))
+            .collect(),
+        Err(reason) => methods.iter().map(|m| (*m, Err(reason.clone()))).collect(),
     };
     TravelCapture {
         id: capture.id.clone(),
@@ -250,7 +326,8 @@ async fn provenance(store: &Store, loaded: &Loaded) -> anyhow::Result<Provenance
         .as_object()
         .map(|o| o.iter().map(|(k, v)| (k.clone(), plain(v))).collect())
         .unwrap_or_default();
-    hashes.insert("plan (expanded steps)".to_owned(), header.plan_hash.clone());
+    let hashed = if loaded.plan.is_some() { "plan (expanded steps)" } else { "session.yaml" };
+    hashes.insert(hashed.to_owned(), header.plan_hash.clone());
     Ok(Provenance {
         session: header.id,
         outcome: loaded.outcome(),

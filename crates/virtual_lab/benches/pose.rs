@@ -75,8 +75,13 @@ fn detect_one_picture_in_memory(bencher: divan::Bencher) {
 fn three_files_to_pose(bencher: divan::Bencher) {
     let (setup, files) = capture();
     bencher.bench(|| {
-        let solution =
-            solve_capture(&setup, &sightings(&files), Some(658.0), &Method::ALL, &mut || ());
+        let solution = solve_capture(
+            &setup,
+            &sightings(&files),
+            Some(658.0),
+            &Method::OF_A_CAPTURE,
+            &mut || (),
+        );
         assert!(solution.results.iter().all(|r| r.pose.is_ok()));
         solution
     });
@@ -86,5 +91,7 @@ fn three_files_to_pose(bencher: divan::Bencher) {
 fn solve_from_sightings(bencher: divan::Bencher) {
     let (setup, files) = capture();
     let sightings = sightings(&files);
-    bencher.bench(|| solve_capture(&setup, &sightings, Some(658.0), &Method::ALL, &mut || ()));
+    bencher.bench(|| {
+        solve_capture(&setup, &sightings, Some(658.0), &Method::OF_A_CAPTURE, &mut || ())
+    });
 }

@@ -22,6 +22,7 @@ pub fn look(method: Method) -> (&'static str, Shape) {
     match method {
         Method::InterBeamAngles => ("s0", Shape::Circle),
         Method::VirtualCamera => ("s1", Shape::Square),
+        Method::SessionAdjustment => ("s2", Shape::Circle),
     }
 }
 
@@ -30,6 +31,7 @@ pub fn title(method: Method) -> &'static str {
     match method {
         Method::InterBeamAngles => "inter-beam angles",
         Method::VirtualCamera => "virtual camera",
+        Method::SessionAdjustment => "session adjustment",
     }
 }
 
@@ -59,8 +61,8 @@ pub fn differences(result: &TranslationResult) -> Markup {
     let rails = result.methods.values().flat_map(|m| m.positions.iter().map(|p| p.rail_mm));
     let mut layers = vec![layer("zero", "", 0.0, Mark::Level(0.0, String::new()))];
     let shown: Vec<Method> = in_view.iter().map(|(m, _)| *m).collect();
-    for (method, limit) in &in_view {
-        let text = |sign: &str| format!("limit {sign}{limit} ({})", method.name());
+    for (_, limit) in &in_view {
+        let text = |sign: &str| format!("limit {sign}{limit}");
         layers.push(layer("limit", "", 0.0, Mark::Level(*limit, text("+"))));
         layers.push(layer("limit", "", 0.0, Mark::Level(-*limit, text("\u{2212}"))));
     }

@@ -4,8 +4,9 @@ use beampose_photogrammetry::solve::Method;
 use maud::{Markup, html};
 
 use super::input::ReportInput;
-use super::plots::{look, title};
+use super::plots::title;
 use super::provenance::time;
+use super::tables::method_class;
 use crate::COVERAGE_FACTOR;
 use crate::numbers::{NONE, bare_with_expanded, coarse, fixed, percent, with_expanded};
 use crate::translation::{MethodTranslation, TranslationResult};
@@ -74,7 +75,7 @@ pub fn translation(result: &TranslationResult) -> Markup {
             thead { tr {
                 th { }
                 @for method in result.methods.keys() {
-                    th class=(if look(*method).0 == "s0" { "m0" } else { "m1" }) { (title(*method)) }
+                    th class=(method_class(*method)) { (title(*method)) }
                 }
             } }
             tbody {
@@ -115,7 +116,8 @@ fn millimetres(value: Option<f64>) -> String {
 /// How the uncertainties were made, in words.
 fn budget(result: &TranslationResult) -> String {
     let u = &result.uncertainty;
-    let stated = match u.rule.as_str() {
+    let (first, rest) = u.rule.split_once("; ").unwrap_or((&u.rule, ""));
+    let stated = match first {
         "all_coordinates" => {
             "the stated uncertainty of start and end position, all coordinates together \
              (Table 6.4's way), and the repeatability of the mean"
@@ -125,6 +127,12 @@ fn budget(result: &TranslationResult) -> String {
             "the stated uncertainty of start and end position along the direction of travel, taken \
              as independent, and the repeatability of the mean"
         }
+    };
+    let joint = if rest.ends_with("joint") {
+        "; for the session adjustment, the joint covariance of the session's positions, in which \
+         what they share cancels"
+    } else {
+        ""
     };
     let percent = fixed(100.0 * u.scale_relative_u, 3);
     let scale = if u.scale_in_stated_covariance {
@@ -137,7 +145,7 @@ fn budget(result: &TranslationResult) -> String {
         Decision::GuardBand => "limits are judged with a guard band of U (ISO 14253-1)",
     };
     format!(
-        "Uncertainty of a mean difference: {stated}; {scale}. U = 2 u. The slope's uncertainty is \
+        "Uncertainty of a mean difference: {stated}{joint}; {scale}. U = 2 u. The slope's uncertainty is \
          the scatter about the line and the artefact's scale; the offset's is the scatter alone. \
          Decision: {decision}."
     )

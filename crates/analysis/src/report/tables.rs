@@ -71,10 +71,11 @@ fn column_decimals(us: impl Iterator<Item = f64>) -> usize {
     decimals(smallest, 2)
 }
 
-fn method_class(method: Method) -> &'static str {
+pub fn method_class(method: Method) -> &'static str {
     match look(method).0 {
         "s0" => "m0",
-        _ => "m1",
+        "s1" => "m1",
+        _ => "m2",
     }
 }
 

@@ -94,6 +94,24 @@ pub struct MethodTranslation {
     pub notes: Vec<String>,
 }
 
+impl TranslationResult {
+    /// This result with the methods of another one on the same captures, whose uncertainties were
+    /// made by another rule.
+    #[must_use]
+    pub fn merged(mut self, other: Self) -> Self {
+        self.verdict = self.verdict.worse(other.verdict);
+        let new = other.reasons.into_iter().filter(|r| !self.reasons.contains(r));
+        self.reasons.extend(new.collect::<Vec<_>>());
+        self.solved = self.solved.min(other.solved);
+        let names: Vec<&str> = other.methods.keys().map(|m| m.name()).collect();
+        let rule = format!("; {}: {}", names.join(", "), other.uncertainty.rule);
+        self.uncertainty.rule.push_str(&rule);
+        self.methods.extend(other.methods);
+        self.limits.max_abs_difference_mm.extend(other.limits.max_abs_difference_mm);
+        self
+    }
+}
+
 impl MethodTranslation {
     /// The fitted line, if there is one.
     #[must_use]

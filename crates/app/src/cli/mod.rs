@@ -1,6 +1,8 @@
 //! The command line. Each command is a file here and a line in `Command`.
 
 mod check;
+mod export;
+mod import;
 mod report;
 mod run;
 mod score;
@@ -47,19 +49,16 @@ First steps (no hardware needed):
   beampose sessions
   beampose report latest --json";
 
+// What each does is told in its own file: a comment here would hide the longer help there.
 #[derive(Subcommand)]
 enum Command {
-    /// Run a plan on a rig, solve while it runs, analyse and report
     Run(run::Run),
-    /// Check a plan against its rig without doing anything: every fault, the steps, time and disk
     Check(check::Check),
-    /// List the stored sessions, or show one
     Sessions(sessions::Sessions),
-    /// Solve a stored session again, as a new processing beside the old ones
+    Import(import::Import),
+    Export(export::Export),
     Solve(solve::Solve),
-    /// Analyse a stored session and write its report
     Report(report::Report),
-    /// Compare a simulated session with its truth
     Score(score::Score),
 }
 
@@ -156,6 +155,8 @@ pub fn main() -> ExitCode {
         Command::Check(check) => check.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Sessions(sessions) => with_runtime(sessions.execute()),
+        Command::Import(import) => with_runtime(import.execute()),
+        Command::Export(export) => with_runtime(export.execute()),
         Command::Solve(solve) => with_runtime(solve.execute()),
         Command::Report(report) => with_runtime(report.execute()),
         Command::Score(score) => with_runtime(score.execute()),

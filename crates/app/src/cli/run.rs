@@ -17,7 +17,7 @@ use super::{Database, Ended, close, report_folder};
 use crate::calibration;
 use crate::input::{Checked, checked};
 use crate::output::{Exit, complain, print};
-use crate::pipeline::{Pipeline, SOFTWARE};
+use crate::pipeline::{Pipeline, SOFTWARE, adjust_session};
 use crate::progress::Progress;
 use crate::session_report::{input, load, method_of, prepare, write};
 use crate::settings::Overrides;
@@ -110,6 +110,12 @@ impl Run {
         let summary = ended?;
         solved?;
         recorded?;
+        if checked.plan.methods.contains(&beampose_plan::Method::SessionAdjustment)
+            && let Err(error) = adjust_session(&store, session).await
+        {
+            // The captures' own results stand.
+            complain(&format!("beampose: no session adjustment: {error:#}"));
+        }
         let exit = self.conclude(&store, &summary, &folder).await?;
         close(store).await;
         Ok(exit)

@@ -10,7 +10,7 @@ use beampose_store::Store;
 
 use super::{Database, Ended, close, find};
 use crate::output::{Exit, print};
-use crate::pipeline::{Pipeline, Solved};
+use crate::pipeline::{Pipeline, Solved, adjust_session};
 use crate::progress::Progress;
 
 /// Solve a stored session again, as a new processing beside the old ones
@@ -20,7 +20,8 @@ use crate::progress::Progress;
 pub struct Solve {
     /// Which session
     session: String,
-    /// How the module is found: virtual-camera or inter-beam-angles; without it both
+    /// How the module is found: virtual-camera, inter-beam-angles (without it both), or
+    /// session-adjustment, all captures of the session in one adjustment
     #[arg(long = "method", value_name = "METHOD", value_parser = super::method)]
     methods: Vec<Method>,
     /// Print one JSON object for each capture and method
@@ -34,9 +35,21 @@ impl Solve {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
-        let methods =
-            if self.methods.is_empty() { Method::ALL.to_vec() } else { self.methods.clone() };
-        let solved = solve_session(&store, id, &methods, !self.json).await?;
+        let methods = if self.methods.is_empty() {
+            Method::OF_A_CAPTURE.to_vec()
+        } else {
+            self.methods.clone()
+        };
+        let together = methods.contains(&Method::SessionAdjustment);
+        // The adjustment of the session starts from the captures' own.
+        let first = if together { &Method::OF_A_CAPTURE[..] } else { &methods };
+        let mut solved = solve_session(&store, id, first, !self.json).await?;
+        if together {
+            solved = adjust_session(&store, id).await?;
+        }
+        for one in &mut solved {
+            one.solution.results.retain(|r| methods.contains(&r.method));
+        }
         let mut unsolved = 0;
         for one in &solved {
             for result in &one.solution.results {

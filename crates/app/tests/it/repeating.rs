@@ -72,17 +72,22 @@ fn solving_again_adds_a_processing_and_keeps_the_others() {
         })
     };
     let (first_report, first) = (report(), poses_of_all());
-    assert_eq!((first.len(), first_report["processing"].as_str()), (1, Some("1")));
+    // Capture by capture while it ran, then the whole session together.
+    assert_eq!((first.len(), first_report["processing"].as_str()), (2, Some("2")));
     let again = solutions(&lab.beampose(&["solve", "latest", "--json"]).expect_code(0));
     let third = solutions(&lab.beampose(&["solve", "latest", "--json"]).expect_code(0));
     assert_eq!(again, third);
     let all = poses_of_all();
-    assert_eq!(all.len(), 3);
-    // The run's own is as it was, and the others have the same poses under other numbers.
-    assert_eq!(all[0], first[0]);
-    assert!(all.iter().all(|(_, poses)| *poses == first[0].1));
-    assert_eq!(report()["processing"], "3");
-    assert_eq!(report()["methods"], first_report["methods"]);
+    assert_eq!(all.len(), 4);
+    // The run's own are as they were, and the others have the same poses under other numbers.
+    assert_eq!(all[..2], first[..]);
+    assert!(all[2..].iter().all(|(_, poses)| *poses == first[0].1));
+    assert_eq!(report()["processing"], "4");
+    let (now, before) = (&report()["methods"], &first_report["methods"]);
+    assert_eq!(now["virtual-camera"], before["virtual-camera"]);
+    let together = ["solve", "latest", "--method", "session-adjustment", "--json"];
+    lab.beampose(&together).expect_code(0);
+    assert_eq!(report()["methods"], *before);
 }
 
 #[test]

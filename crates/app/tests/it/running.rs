@@ -39,8 +39,8 @@ fn a_run_solves_its_captures_and_writes_its_report() {
     let json: Value = serde_json::from_str(&read("report.json")).unwrap();
     assert_eq!((&json["solved"], &json["verdict"]), (&6.into(), &"pass".into()));
     // A header; then a line for each capture and method, for each stop and method.
-    assert_eq!(read("poses.csv").lines().count(), 1 + 6 * 2);
-    assert_eq!(read("positions.csv").lines().count(), 1 + 3 * 2);
+    assert_eq!(read("poses.csv").lines().count(), 1 + 6 * 3);
+    assert_eq!(read("positions.csv").lines().count(), 1 + 3 * 3);
 }
 
 #[test]

@@ -48,6 +48,14 @@ impl Covariance {
         self.pose_block(self.layout.cameras.get(camera)?.0)
     }
 
+    /// Covariance between the poses of two modules, rows of `a`, columns of `b`: position in mm,
+    /// then rotation in rad about the world axes.
+    #[must_use]
+    pub fn between_modules(&self, a: usize, b: usize) -> Option<Matrix6<f64>> {
+        let (a, b) = (self.layout.modules.get(a)?.0, self.layout.modules.get(b)?.0);
+        Some(self.common.as_ref()?.fixed_view::<6, 6>(a, b).into_owned())
+    }
+
     /// Covariance of a module's pose: position in mm, then rotation in rad about the world axes.
     #[must_use]
     pub fn module(&self, module: usize) -> Option<Matrix6<f64>> {

@@ -14,7 +14,8 @@ pub(super) struct Row2 {
     pub information: Matrix2<f64>,
     pub by_point: Rows<3>,
     pub by_pose: Rows<6>,
-    /// By focal length and principal point, or by the fan's scale in the first column.
+    /// By focal length and principal point of a camera; by the fan's scale (first column) and the
+    /// beam's error (second and third) of a module.
     pub by_rest: Rows<3>,
 }
 
@@ -55,16 +56,20 @@ pub(super) fn beam_row(problem: &Problem, o: &BeamObservation) -> Option<Row2> {
     if p.z <= 1e-9 {
         return None;
     }
-    let (tangent, by_scale) = o.tangent(module.scale)?;
+    let error = o.shared.map_or_else(Vector2::zeros, |beam| problem.fan.beams[beam]);
+    let tangent = o.tangent(module.scale + problem.fan.scale, error)?;
     let inv_z = 1.0 / p.z;
     let at = Vector2::new(p.x * inv_z, p.y * inv_z);
     let by_local = Rows::<3>::new(inv_z, 0.0, -at.x * inv_z, 0.0, inv_z, -at.y * inv_z);
     let (by_point, by_pose) = by_station(&by_local, &module.station, point);
-    // The scale moves the observed side: minus on the computed one.
-    let mut by_rest = Rows::<3>::zeros();
-    by_rest.set_column(0, &-by_scale);
-    let information = o.information(&tangent);
-    Some(Row2 { residual: tangent - at, information, by_point, by_pose, by_rest })
+    // Scale and errors move the observed side: minus on the computed one.
+    let by_rest = -Rows::<3>::from_columns(&[
+        tangent.by_scale,
+        tangent.by_cosines.column(0).into(),
+        tangent.by_cosines.column(1).into(),
+    ]);
+    let information = o.information(&tangent.at);
+    Some(Row2 { residual: tangent.at - at, information, by_point, by_pose, by_rest })
 }
 
 /// The observations of each point, in a fixed order.
@@ -101,9 +106,22 @@ impl ByPoint {
 pub(super) struct PointBlock {
     pub own: Matrix3<f64>,
     pub gradient: Vector3<f64>,
-    /// (unknown, coupling row), in the order in which observations name the unknowns; an unknown
-    /// may occur more than once.
+    /// (unknown, coupling row), unknowns ascending once merged.
     pub coupling: Vec<(usize, Vector3<f64>)>,
+}
+
+impl PointBlock {
+    /// Adds up the rows of each unknown, in the order in which the observations came.
+    fn merge(&mut self) {
+        self.coupling.sort_by_key(|(at, _)| *at);
+        self.coupling.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+            }
+            same
+        });
+    }
 }
 
 /// The normal equations before points are eliminated.
@@ -132,16 +150,22 @@ pub(super) fn normal_equations(
         for &i in &by_point.images[point] {
             let row = image_row(problem, &problem.images[i])?;
             let (pose, interior) = layout.cameras[problem.images[i].camera];
-            add_row(&mut normal, &mut block, &row, pose, interior.map(|at| (at, 3)));
+            let rest = [0, 1, 2].map(|i| interior.map(|at| at + i));
+            add_row(&mut normal, &mut block, &row, pose, [rest, [None; 3]].as_flattened());
         }
         for &i in &by_point.beams[point] {
-            let row = beam_row(problem, &problem.beams[i])?;
-            let (pose, scale) = layout.modules[problem.beams[i].module];
-            add_row(&mut normal, &mut block, &row, pose, scale.map(|at| (at, 1)));
+            let beam = &problem.beams[i];
+            let row = beam_row(problem, beam)?;
+            let (pose, scale) = layout.modules[beam.module];
+            let error = beam.shared.map(|shared| layout.fan_beams + 2 * shared);
+            // The module's own scale and the shared one act alike.
+            let rest = [scale, error, error.map(|at| at + 1), layout.fan_scale, None, None];
+            add_row(&mut normal, &mut block, &row, pose, &rest);
         }
         for &i in &by_point.controls[point] {
             add_control(&mut normal, &mut block, problem, i, layout.artefact_scale);
         }
+        block.merge();
         normal.points.push(block);
     }
     add_priors(&mut normal, problem, layout);
@@ -153,7 +177,7 @@ fn add_row(
     block: &mut PointBlock,
     row: &Row2,
     pose: usize,
-    rest: Option<(usize, usize)>,
+    rest: &[Option<usize>],
 ) {
     let weighted_point = row.information * row.by_point;
     block.own += row.by_point.transpose() * weighted_point;
@@ -166,20 +190,18 @@ fn add_row(
     g += weighted_pose.transpose() * row.residual;
     let coupling = row.by_pose.transpose() * weighted_point;
     block.coupling.extend((0..6).map(|i| (pose + i, coupling.row(i).transpose())));
-    if let Some((at, count)) = rest {
-        for i in 0..count {
-            let column = row.by_rest.column(i);
-            let weighted = row.information * column;
-            normal.gradient[at + i] += weighted.dot(&row.residual);
-            block.coupling.push((at + i, row.by_point.transpose() * weighted));
-            for j in 0..count {
-                normal.hessian[(at + i, at + j)] += weighted.dot(&row.by_rest.column(j));
-            }
-            let cross = row.by_pose.transpose() * weighted;
-            for (k, value) in cross.iter().enumerate() {
-                normal.hessian[(pose + k, at + i)] += value;
-                normal.hessian[(at + i, pose + k)] += value;
-            }
+    // The place of an unknown in `rest` names its column: the fourth acts as the first.
+    for (i, at) in rest.iter().enumerate().filter_map(|(i, at)| Some((i, (*at)?))) {
+        let weighted = row.information * row.by_rest.column(i % 3);
+        normal.gradient[at] += weighted.dot(&row.residual);
+        block.coupling.push((at, row.by_point.transpose() * weighted));
+        for (j, other) in rest.iter().enumerate().filter_map(|(j, at)| Some((j, (*at)?))) {
+            normal.hessian[(at, other)] += weighted.dot(&row.by_rest.column(j % 3));
+        }
+        let cross = row.by_pose.transpose() * weighted;
+        for (k, value) in cross.iter().enumerate() {
+            normal.hessian[(pose + k, at)] += value;
+            normal.hessian[(at, pose + k)] += value;
         }
     }
     normal.chi2 += (row.residual.transpose() * row.information * row.residual).x;
@@ -230,6 +252,15 @@ fn add_priors(normal: &mut Normal, problem: &Problem, layout: &Layout) {
     if let Some(at) = layout.artefact_scale {
         prior(at, problem.artefact_scale, 0.0, problem.artefact_scale_sigma);
     }
+    if let Some(at) = layout.fan_scale {
+        prior(at, problem.fan.scale, 0.0, problem.fan.scale_sigma);
+    }
+    for (i, error) in problem.fan.beams.iter().enumerate() {
+        // Direction cosines of beams far off the axis move a little less than the angle; 3 % at 15
+        // degrees are nothing for a prior.
+        prior(layout.fan_beams + 2 * i, error.x, 0.0, problem.fan.beam_sigma);
+        prior(layout.fan_beams + 2 * i + 1, error.y, 0.0, problem.fan.beam_sigma);
+    }
 }
 
 #[cfg(test)]
@@ -237,7 +268,7 @@ pub(super) mod tests {
     use nalgebra::{Rotation3, Vector6};
 
     use super::*;
-    use crate::adjust::problem::{CameraStation, Control, ModuleStation};
+    use crate::adjust::problem::{CameraStation, Control, ModuleStation, SharedFan};
     use crate::camera::{Camera, InteriorSigma};
 
     pub(crate) fn small_problem() -> Problem {
@@ -290,10 +321,17 @@ pub(super) mod tests {
                 point: 0,
                 cosines: Vector2::new(0.05, -0.04),
                 sigma: 2e-5,
+                shared: Some(0),
             }],
             controls: vec![Control { point: 0, at: Vector3::new(29.9, -20.1, 5.05), sigma: 0.02 }],
             artefact_scale: 1e-4,
             artefact_scale_sigma: 4e-4,
+            fan: SharedFan {
+                scale: -3e-5,
+                scale_sigma: 1e-4,
+                beams: vec![Vector2::new(1e-5, -2e-5)],
+                beam_sigma: 2e-5,
+            },
         }
     }
 
@@ -363,6 +401,14 @@ pub(super) mod tests {
             beam_row(&p, &p.beams[0]).unwrap().residual
         };
         check(row.by_rest.column(0).into(), at, 1e-5);
+        for i in 0..2 {
+            let at = |h: f64| {
+                let mut p = problem.clone();
+                p.fan.beams[0][i] += h;
+                beam_row(&p, &p.beams[0]).unwrap().residual
+            };
+            check(row.by_rest.column(1 + i).into(), at, 1e-5);
+        }
     }
 
     #[test]

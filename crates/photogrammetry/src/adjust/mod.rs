@@ -15,5 +15,6 @@ mod solver;
 pub use covariance::{Covariance, PointCofactor};
 pub use problem::{
     BeamObservation, CameraStation, Control, ImageObservation, Interior, ModuleStation, Problem,
+    SharedFan, Tangent,
 };
 pub use solver::{AdjustError, Options, Summary, adjust};

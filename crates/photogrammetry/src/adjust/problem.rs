@@ -50,8 +50,22 @@ pub struct ModuleStation {
     /// Relative correction of the fan's scale; start value, then result.
     pub scale: f64,
     /// What the scale is known to before (from wavelength and calibration): value and standard
-    /// uncertainty.
+    /// uncertainty. Uncertainty 0 holds it fixed.
     pub scale_prior: (f64, f64),
+}
+
+/// What all modules of an adjustment share, when they are one module at several places: a common
+/// error of the fan's scale, and the errors of its single beams.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SharedFan {
+    /// Relative error of the scale, in addition to each module's own; start value, then result.
+    pub scale: f64,
+    /// Its standard uncertainty before; 0 holds it fixed.
+    pub scale_sigma: f64,
+    /// Errors of single beams as direction cosines (x, y); start values, then results.
+    pub beams: Vec<Vector2<f64>>,
+    /// Standard uncertainty of a beam's direction per axis before, radians.
+    pub beam_sigma: f64,
 }
 
 /// A measured image point of a camera.
@@ -76,22 +90,38 @@ pub struct BeamObservation {
     pub point: usize,
     /// Direction cosines (x, y) of the beam at the reference wavelength, module frame.
     pub cosines: Vector2<f64>,
-    /// Standard uncertainty of its direction per axis, radians.
+    /// Standard uncertainty of its direction per axis, radians; where the beam's error is an
+    /// unknown of the shared fan, what is left beside it.
     pub sigma: f64,
+    /// Index of the beam's error in the shared fan, if it is an unknown.
+    pub shared: Option<usize>,
+}
+
+/// A beam on the plane z = 1, with its derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tangent {
+    /// (x, y) on the plane.
+    pub at: Vector2<f64>,
+    /// By the fan's relative scale.
+    pub by_scale: Vector2<f64>,
+    /// By the beam's direction cosines at the reference wavelength.
+    pub by_cosines: Matrix2<f64>,
 }
 
 impl BeamObservation {
-    /// The beam on the plane z = 1 when the fan is scaled by `1 + scale`, and its derivative by
-    /// the scale. `None` when the beam would not leave the grating.
+    /// The beam on the plane z = 1 when the fan is scaled by `1 + scale` and the beam is off by
+    /// `error` (direction cosines). `None` when the beam would not leave the grating.
     #[must_use]
-    pub fn tangent(&self, scale: f64) -> Option<(Vector2<f64>, Vector2<f64>)> {
-        let c = self.cosines * (1.0 + scale);
+    pub fn tangent(&self, scale: f64, error: Vector2<f64>) -> Option<Tangent> {
+        let cosines = self.cosines + error;
+        let c = cosines * (1.0 + scale);
         let z2 = 1.0 - c.norm_squared();
         if z2 <= 0.0 {
             return None;
         }
         let z = z2.sqrt();
-        Some((c / z, self.cosines / (z2 * z)))
+        let by_c = Matrix2::identity() / z + c * c.transpose() / (z2 * z);
+        Some(Tangent { at: c / z, by_scale: by_c * cosines, by_cosines: by_c * (1.0 + scale) })
     }
 
     /// Inverse covariance on the plane z = 1: an angle `sigma` is `sigma (1 + r^2)` along the
@@ -135,6 +165,8 @@ pub struct Problem {
     pub artefact_scale: f64,
     /// Its relative standard uncertainty; 0 holds the scale fixed.
     pub artefact_scale_sigma: f64,
+    /// What the modules share.
+    pub fan: SharedFan,
 }
 
 /// Where each unknown stands in the reduced normal equations.
@@ -146,6 +178,10 @@ pub(super) struct Layout {
     pub modules: Vec<(usize, Option<usize>)>,
     /// The artefact's scale, if it is unknown.
     pub artefact_scale: Option<usize>,
+    /// The shared fan's scale, if it is unknown.
+    pub fan_scale: Option<usize>,
+    /// First of two unknowns for each beam of the shared fan.
+    pub fan_beams: usize,
     /// Number of unknowns.
     pub size: usize,
 }
@@ -174,7 +210,9 @@ impl Layout {
             })
             .collect();
         let artefact_scale = (problem.artefact_scale_sigma > 0.0).then(|| take(1));
-        Self { cameras, modules, artefact_scale, size }
+        let fan_scale = (problem.fan.scale_sigma > 0.0).then(|| take(1));
+        let fan_beams = take(2 * problem.fan.beams.len());
+        Self { cameras, modules, artefact_scale, fan_scale, fan_beams, size }
     }
 }
 

@@ -264,6 +264,13 @@ fn moved(
     if let Some(at) = layout.artefact_scale {
         next.artefact_scale += step[at];
     }
+    if let Some(at) = layout.fan_scale {
+        next.fan.scale += step[at];
+    }
+    for (i, error) in next.fan.beams.iter_mut().enumerate() {
+        let at = layout.fan_beams + 2 * i;
+        *error += nalgebra::Vector2::new(step[at], step[at + 1]);
+    }
     for (point, shift) in next.points.iter_mut().zip(points) {
         *point += shift;
     }
@@ -287,7 +294,9 @@ fn summarise(
         .map(|c| if matches!(c.interior, Interior::Prior(_)) { 3 } else { 0 })
         .sum::<usize>()
         + problem.modules.iter().filter(|m| m.scale_prior.1 > 0.0).count()
-        + usize::from(problem.artefact_scale_sigma > 0.0);
+        + usize::from(problem.artefact_scale_sigma > 0.0)
+        + usize::from(problem.fan.scale_sigma > 0.0)
+        + 2 * problem.fan.beams.len();
     let rows =
         2 * (problem.images.len() + problem.beams.len()) + 3 * problem.controls.len() + priors;
     // A point whose observations were all left out has no part in the sum.

@@ -1,6 +1,6 @@
 //! `pattern.yaml`, the format of the exchange folder.
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::{Pattern, PatternModel, PatternUncertainty};
 
@@ -15,35 +15,77 @@ pub enum PatternFileError {
     Value(String),
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PatternFile {
     version: u32,
     columns: u32,
     rows: u32,
     reference_wavelength_nm: f64,
-    model: PatternModel,
+    model: ModelFile,
     u: PatternUncertainty,
     #[serde(default)]
     zero_order_relative_intensity: Option<f64>,
 }
 
-/// Reads `pattern.yaml`.
+/// [`PatternModel`] as files write it.
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+enum ModelFile {
+    RadialGrid { pitch_mm: f64, k1_per_mm2: f64, distance_mm: f64 },
+    Table(TableForm),
+}
+
+/// A table stands in the pattern file itself or in a file that it names.
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum TableForm {
+    Tangents(Vec<[f64; 2]>),
+    File(String),
+}
+
+/// Reads a `pattern.yaml` that stands alone: one whose table is in another file is refused.
 ///
 /// # Errors
 /// [`PatternFileError`].
 pub fn read_pattern(text: &str) -> Result<Pattern, PatternFileError> {
+    read_pattern_with(text, |file, _| Err(format!("the table of beams is in another file: {file}")))
+}
+
+/// Reads `pattern.yaml`. This crate opens no files: where the model is `table: {file: ...}`,
+/// `table_file` is given that name and the numbers of columns and rows, and gives back
+/// [`PatternModel::Table`]'s tangents.
+///
+/// # Errors
+/// [`PatternFileError`]; what `table_file` says is a [`PatternFileError::Value`].
+pub fn read_pattern_with(
+    text: &str,
+    table_file: impl FnOnce(&str, [u32; 2]) -> Result<Vec<[f64; 2]>, String>,
+) -> Result<Pattern, PatternFileError> {
     let file: PatternFile =
         serde_yaml::from_str(text).map_err(|e| PatternFileError::Syntax(e.to_string()))?;
     check(&file).map_err(PatternFileError::Value)?;
-    Ok(Pattern {
+    let model = match file.model {
+        ModelFile::RadialGrid { pitch_mm, k1_per_mm2, distance_mm } => {
+            PatternModel::RadialGrid { pitch_mm, k1_per_mm2, distance_mm }
+        }
+        ModelFile::Table(TableForm::Tangents(tangents)) => PatternModel::Table { tangents },
+        ModelFile::Table(TableForm::File(name)) => {
+            let tangents =
+                table_file(&name, [file.columns, file.rows]).map_err(PatternFileError::Value)?;
+            PatternModel::Table { tangents }
+        }
+    };
+    let pattern = Pattern {
         columns: file.columns,
         rows: file.rows,
         reference_wavelength_nm: file.reference_wavelength_nm,
-        model: file.model,
+        model,
         u: file.u,
         zero_order_relative_intensity: file.zero_order_relative_intensity,
-    })
+    };
+    whole(&pattern).map_err(PatternFileError::Value)?;
+    Ok(pattern)
 }
 
 fn check(file: &PatternFile) -> Result<(), String> {
@@ -65,16 +107,18 @@ fn check(file: &PatternFile) -> Result<(), String> {
     if !(file.u.angle_deg > 0.0 && file.u.common_relative >= 0.0) {
         return Err("u.angle_deg must be above 0 and u.common_relative not below 0".to_owned());
     }
-    if let PatternModel::Table { tangents } = &file.model
-        && tangents.len() != (file.rows * file.columns) as usize
-    {
-        return Err(format!(
-            "the table has {} beams, expected {}",
-            tangents.len(),
-            file.rows * file.columns
-        ));
-    }
     Ok(())
+}
+
+/// A table has every beam.
+fn whole(pattern: &Pattern) -> Result<(), String> {
+    let expected = (pattern.rows * pattern.columns) as usize;
+    match &pattern.model {
+        PatternModel::Table { tangents } if tangents.len() != expected => {
+            Err(format!("the table has {} beams, expected {expected}", tangents.len()))
+        }
+        PatternModel::Table { .. } | PatternModel::RadialGrid { .. } => Ok(()),
+    }
 }
 
 /// Writes `pattern.yaml` (JSON is YAML: numbers keep all their digits).
@@ -87,7 +131,7 @@ pub fn write_pattern(pattern: &Pattern) -> String {
         ),
         PatternModel::Table { tangents } => {
             let rows: Vec<String> =
-                tangents.iter().map(|t| format!("    - [{:e}, {:e}]", t[0], t[1])).collect();
+                tangents.iter().map(|t| format!("        - [{:e}, {:e}]", t[0], t[1])).collect();
             format!("table:\n      tangents:\n{}", rows.join("\n"))
         }
     };

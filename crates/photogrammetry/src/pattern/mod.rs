@@ -8,7 +8,7 @@ mod angles;
 mod file;
 
 pub use angles::{AnglePair, angle_between, neighbour_pairs};
-pub use file::{PatternFileError, read_pattern, write_pattern};
+pub use file::{PatternFileError, read_pattern, read_pattern_with, write_pattern};
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};

@@ -20,7 +20,7 @@ use crate::rotation::wxyz;
 use crate::scene::Setup;
 
 /// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
-const UNREAD_WAVELENGTH: f64 = 6e-4;
+pub(super) const UNREAD_WAVELENGTH: f64 = 6e-4;
 /// Fewer dots in space than this do not fix six unknowns with anything to spare.
 const FEWEST_BEAMS: usize = 6;
 
@@ -36,7 +36,8 @@ pub struct Sighting {
 /// Solves one capture.
 ///
 /// `sightings` are keyed by camera name; `wavelength_nm` is the reading at the capture, if there is
-/// one. Every method of `methods` has a result, be it the reason why there is no pose. `identified`
+/// one. Every method of `methods` that needs no other capture has a result, be it the reason why
+/// there is no pose. `identified`
 /// is called when cameras are oriented and beams named, before the adjustment: nothing here reads a
 /// clock, but the caller may.
 #[must_use]
@@ -47,6 +48,9 @@ pub fn solve_capture(
     methods: &[Method],
     identified: &mut dyn FnMut(),
 ) -> CaptureSolution {
+    let methods: Vec<Method> =
+        methods.iter().copied().filter(|m| Method::OF_A_CAPTURE.contains(m)).collect();
+    let methods = methods.as_slice();
     let (cameras, mut notes) = orient(setup, sightings);
     let scale = fan_scale(setup, wavelength_nm);
     let labels = label(setup, &cameras);
@@ -359,7 +363,13 @@ fn add_beams(setup: &Setup, scene: &mut Scene) {
             && let Some(direction) = setup.pattern.direction(*order, 0.0)
         {
             let cosines = direction.xy();
-            scene.problem.beams.push(BeamObservation { module: 0, point, cosines, sigma });
+            scene.problem.beams.push(BeamObservation {
+                module: 0,
+                point,
+                cosines,
+                sigma,
+                shared: None,
+            });
         }
     }
 }

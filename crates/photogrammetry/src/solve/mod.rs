@@ -8,10 +8,12 @@ mod capture;
 mod eccentricity;
 mod orient;
 mod points;
+mod session;
 mod types;
 
 pub use capture::{Sighting, solve_capture};
 pub use eccentricity::circle_image_offset;
+pub use session::{SessionSolution, SolvedCapture, solve_session};
 pub use types::{
     CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, StageSeconds,
     Subject,

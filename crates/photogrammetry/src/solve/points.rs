@@ -97,7 +97,8 @@ fn cameras_of(setup: &Setup, cameras: &[Oriented<'_>]) -> Problem {
     Problem { cameras, ..Problem::default() }
 }
 
-fn interior(setup: &Setup, name: &str) -> Interior {
+/// What is known of a camera's interior orientation.
+pub(super) fn interior(setup: &Setup, name: &str) -> Interior {
     match setup.cameras.get(name) {
         Some(c)
             if c.sigma.focal_px > 0.0 && c.sigma.principal_point_px.iter().all(|s| *s > 0.0) =>

@@ -15,11 +15,17 @@ pub enum Method {
     InterBeamAngles,
     /// The module as a camera inside the bundle adjustment (chapter 5).
     VirtualCamera,
+    /// All captures of the session in one adjustment.
+    SessionAdjustment,
 }
 
 impl Method {
     /// Every method, in the order in which reports show them.
-    pub const ALL: [Self; 2] = [Self::InterBeamAngles, Self::VirtualCamera];
+    pub const ALL: [Self; 3] =
+        [Self::InterBeamAngles, Self::VirtualCamera, Self::SessionAdjustment];
+
+    /// The methods that need no other capture: those of live solving.
+    pub const OF_A_CAPTURE: [Self; 2] = [Self::InterBeamAngles, Self::VirtualCamera];
 
     /// The name in files and on the command line.
     #[must_use]
@@ -27,6 +33,7 @@ impl Method {
         match self {
             Self::InterBeamAngles => "inter-beam-angles",
             Self::VirtualCamera => "virtual-camera",
+            Self::SessionAdjustment => "session-adjustment",
         }
     }
 }

@@ -178,6 +178,8 @@ words! {
         "inter-beam-angles" => InterBeamAngles,
         /// The module as one more camera of a bundle adjustment, each capture alone.
         "virtual-camera" => VirtualCamera,
+        /// All captures of the session in one adjustment, when the last is taken.
+        "session-adjustment" => SessionAdjustment,
     }
 }
 
@@ -214,6 +216,8 @@ record! {
         virtual_camera as "virtual-camera": Option<At<Limits>>,
         /// For the inter-beam angles.
         inter_beam_angles as "inter-beam-angles": Option<At<Limits>>,
+        /// For the adjustment of the whole session.
+        session_adjustment as "session-adjustment": Option<At<Limits>>,
         /// The least fraction of captures that must be solved, by each method.
         min_solved_fraction: Option<f64> => fraction,
     }

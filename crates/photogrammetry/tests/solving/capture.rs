@@ -1,14 +1,9 @@
-//! Capture by capture, on sightings made from a known scene: projection with noise, every error
-//! that a rig declares drawn anew. No picture is rendered here; `virtual_lab` does that.
+//! Capture by capture.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
-
-mod scene;
-
+use crate::scene::Laboratory;
 use beampose_photogrammetry::Order;
 use beampose_photogrammetry::solve::{Method, Subject, solve_capture};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use scene::Laboratory;
 
 /// NEES of the position (three coordinates) for one method's pose.
 fn nees(pose: &beampose_core::Pose, truth: Vector3<f64>) -> f64 {
@@ -21,8 +16,13 @@ fn nees(pose: &beampose_core::Pose, truth: Vector3<f64>) -> f64 {
 fn a_perfect_sighting_gives_the_true_pose() {
     let laboratory = Laboratory::exact();
     let (sightings, truth) = laboratory.capture(0, 300.0);
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
+    let solution = solve_capture(
+        &laboratory.setup,
+        &sightings,
+        Some(658.0),
+        &Method::OF_A_CAPTURE,
+        &mut || (),
+    );
     for result in &solution.results {
         let pose = result.pose.as_ref().unwrap();
         let error = Vector3::from(pose.position_mm) - truth.position;
@@ -47,14 +47,14 @@ fn the_stated_covariance_is_true() {
             &laboratory.setup,
             &sightings,
             Some(laboratory.read_nm()),
-            &Method::ALL,
+            &Method::OF_A_CAPTURE,
             &mut || (),
         );
         for (sum, result) in sums.iter_mut().zip(&solution.results) {
             *sum += nees(result.pose.as_ref().unwrap(), truth.position);
         }
     }
-    for (sum, method) in sums.iter().zip(Method::ALL) {
+    for (sum, method) in sums.iter().zip(Method::OF_A_CAPTURE) {
         let mean = sum / draws as f64;
         let bound = 4.0 * (6.0 / draws as f64).sqrt();
         println!("{}: mean NEES {mean:.3}", method.name());
@@ -84,7 +84,7 @@ fn hidden_dots_strays_and_a_wrong_target_are_survived() {
         &laboratory.setup,
         &sightings,
         Some(laboratory.read_nm()),
-        &Method::ALL,
+        &Method::OF_A_CAPTURE,
         &mut || (),
     );
     for result in &solution.results {
@@ -102,13 +102,15 @@ fn what_cannot_be_solved_says_why() {
     for sighting in sightings.values_mut() {
         sighting.dots.clear();
     }
-    let solution = solve_capture(&laboratory.setup, &sightings, None, &Method::ALL, &mut || ());
+    let solution =
+        solve_capture(&laboratory.setup, &sightings, None, &Method::OF_A_CAPTURE, &mut || ());
     let reason = solution.results[0].pose.as_ref().unwrap_err();
     assert!(reason.contains("grid of dots"), "{reason}");
     for sighting in sightings.values_mut() {
         sighting.targets.clear();
     }
-    let solution = solve_capture(&laboratory.setup, &sightings, None, &Method::ALL, &mut || ());
+    let solution =
+        solve_capture(&laboratory.setup, &sightings, None, &Method::OF_A_CAPTURE, &mut || ());
     let reason = solution.results[1].pose.as_ref().unwrap_err();
     assert!(reason.contains("0 of the artefact's targets found"), "{reason}");
 }
@@ -122,7 +124,7 @@ fn one_blind_camera_is_survived() {
         &laboratory.setup,
         &sightings,
         Some(laboratory.read_nm()),
-        &Method::ALL,
+        &Method::OF_A_CAPTURE,
         &mut || (),
     );
     for result in &solution.results {
@@ -135,8 +137,13 @@ fn one_blind_camera_is_survived() {
 fn beams_are_named_as_the_module_sees_them() {
     let laboratory = Laboratory::exact();
     let (sightings, _) = laboratory.capture(0, 900.0);
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, Some(658.0), &Method::ALL, &mut || ());
+    let solution = solve_capture(
+        &laboratory.setup,
+        &sightings,
+        Some(658.0),
+        &Method::OF_A_CAPTURE,
+        &mut || (),
+    );
     let camera = &solution.cameras["cam_a"];
     let at = |m, n| {
         let named = Subject::Dot(Order { m, n });

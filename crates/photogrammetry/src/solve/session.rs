@@ -1,0 +1,241 @@
+//! A whole session in one adjustment.
+//!
+//! Cameras, artefact, targets, the fan's scale and the errors of its single beams are the same
+//! things in every capture; only the module's pose and its dots are new each time. One adjustment
+//! over all captures therefore knows them far better, and its joint covariance of all poses says
+//! what two of them share: the uncertainty of a distance between two is right, since what they
+//! share cancels.
+
+use std::collections::BTreeMap;
+
+use beampose_core::Pose;
+use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
+
+use super::points::interior;
+use super::types::{CaptureSolution, Method, Subject};
+use crate::adjust::{
+    BeamObservation, CameraStation, Control, ImageObservation, ModuleStation, Options, Problem,
+    SharedFan, Summary, adjust,
+};
+use crate::pose::Station;
+use crate::rotation::wxyz;
+use crate::scene::Setup;
+
+/// What is left of a beam's direction beside its constant error, radians: far below what a dot
+/// tells, so that the dot lies on its beam.
+const BEAM_JITTER: f64 = 2e-6;
+
+/// One capture of the session: its own solution, and the wavelength read at it.
+#[derive(Debug, Clone, Copy)]
+pub struct SolvedCapture<'a> {
+    /// The capture's solution by itself; observations, start values.
+    pub solution: &'a CaptureSolution,
+    /// The wavelength read, if one was.
+    pub wavelength_nm: Option<f64>,
+}
+
+/// All poses of a session with their joint covariance.
+#[derive(Debug, Clone)]
+pub struct SessionSolution {
+    /// Per capture its pose, or why it has none; in the order given.
+    pub poses: Vec<Result<Pose, String>>,
+    /// Root of the a posteriori variance of unit weight.
+    pub sigma0: f64,
+    /// Observations of images and beams left out.
+    pub outliers: usize,
+    modules: Vec<Option<usize>>,
+    summary: Summary,
+}
+
+impl SessionSolution {
+    /// Covariance between the poses of two captures (indices as given), 6x6: position in mm, then
+    /// rotation in rad about the world axes. `None` where one has no pose.
+    #[must_use]
+    pub fn between(&self, a: usize, b: usize) -> Option<Matrix6<f64>> {
+        let (a, b) = ((*self.modules.get(a)?)?, (*self.modules.get(b)?)?);
+        self.summary.covariance.between_modules(a, b)
+    }
+}
+
+/// Adjusts all captures of a session together. Captures without a pose of their own are left out.
+///
+/// # Errors
+/// Why there is no solution, in words.
+pub fn solve_session(
+    setup: &Setup,
+    captures: &[SolvedCapture<'_>],
+) -> Result<SessionSolution, String> {
+    let mut builder = Builder::new(setup, captures)?;
+    let modules: Vec<Option<usize>> = captures.iter().map(|c| builder.add_capture(c)).collect();
+    let mut problem = builder.problem;
+    let summary = adjust(&mut problem, &Options::default())
+        .map_err(|error| format!("the session's adjustment failed: {error}"))?;
+    let poses = modules
+        .iter()
+        .map(|module| {
+            let module = module.ok_or("this capture has no pose of its own to start from")?;
+            let covariance =
+                summary.covariance.module(module).ok_or("the pose is not determined")?;
+            Ok(pose(&problem.modules[module].station, &covariance))
+        })
+        .collect();
+    let outliers = summary.outlier_images.len() + summary.outlier_beams.len();
+    Ok(SessionSolution { poses, sigma0: summary.sigma0(), outliers, modules, summary })
+}
+
+fn pose(station: &Station, covariance: &Matrix6<f64>) -> Pose {
+    let quaternion = UnitQuaternion::from_rotation_matrix(&station.rotation);
+    Pose {
+        position_mm: station.centre.into(),
+        quaternion_wxyz: wxyz(&quaternion),
+        covariance: std::array::from_fn(|r| {
+            std::array::from_fn(|c| (covariance[(r, c)] + covariance[(c, r)]) / 2.0)
+        }),
+    }
+}
+
+fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {
+    let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    Station { centre: Vector3::from(position_mm), rotation: rotation.to_rotation_matrix() }
+}
+
+struct Builder<'a> {
+    setup: &'a Setup,
+    problem: Problem,
+    cameras: BTreeMap<&'a str, usize>,
+    /// Points of the targets, shared by all captures.
+    targets: BTreeMap<u16, usize>,
+}
+
+impl<'a> Builder<'a> {
+    fn new(setup: &'a Setup, captures: &[SolvedCapture<'_>]) -> Result<Self, String> {
+        let mut problem = Problem {
+            artefact_scale_sigma: setup.artefact.scale_relative_u,
+            fan: fan(setup),
+            ..Problem::default()
+        };
+        let mut cameras = BTreeMap::new();
+        for (name, calibrated) in &setup.cameras {
+            let first = captures.iter().find_map(|c| c.solution.cameras.get(name));
+            let Some(first) = first else { continue };
+            cameras.insert(name.as_str(), problem.cameras.len());
+            problem.cameras.push(CameraStation {
+                station: station(first.position_mm, first.quaternion_wxyz),
+                camera: calibrated.model,
+                interior: interior(setup, name),
+                correction: Vector3::zeros(),
+            });
+        }
+        if cameras.len() < 2 {
+            return Err(format!("{} cameras were oriented in the session", cameras.len()));
+        }
+        Ok(Self { setup, problem, cameras, targets: BTreeMap::new() })
+    }
+
+    /// Adds a capture's module, dots and observations; the module's index.
+    fn add_capture(&mut self, capture: &SolvedCapture<'_>) -> Option<usize> {
+        let solution = capture.solution;
+        let of = |method| {
+            let result = solution.results.iter().find(|r| r.method == method)?;
+            result.pose.as_ref().ok()
+        };
+        let start = of(Method::VirtualCamera).or_else(|| of(Method::InterBeamAngles))?;
+        let module = self.problem.modules.len();
+        let pattern = &self.setup.pattern;
+        // The reading's error is common to the session: it is the shared fan's.
+        let (scale, sigma) = match capture.wavelength_nm {
+            Some(nm) => (pattern.scale_at(nm), 0.0),
+            None => (0.0, super::capture::UNREAD_WAVELENGTH),
+        };
+        self.problem.modules.push(ModuleStation {
+            station: station(start.position_mm, start.quaternion_wxyz),
+            scale,
+            scale_prior: (scale, sigma),
+        });
+        let mut dots = BTreeMap::new();
+        for dot in &solution.dots {
+            let point = self.problem.points.len();
+            self.problem.points.push(Vector3::from(dot.xyz_mm));
+            dots.insert(Subject::Dot(dot.order), point);
+            if let (Some(direction), Some(index)) =
+                (pattern.direction(dot.order, 0.0), pattern.index(dot.order))
+            {
+                self.problem.beams.push(BeamObservation {
+                    module,
+                    point,
+                    cosines: direction.xy(),
+                    sigma: BEAM_JITTER,
+                    shared: Some(index),
+                });
+            }
+        }
+        self.add_observations(solution, &dots);
+        Some(module)
+    }
+
+    fn add_observations(&mut self, solution: &CaptureSolution, dots: &BTreeMap<Subject, usize>) {
+        for (name, camera) in &solution.cameras {
+            let Some(&camera_index) = self.cameras.get(name.as_str()) else { continue };
+            for o in camera.observations.iter().filter(|o| o.used) {
+                let point = match o.subject {
+                    Subject::Dot(_) => dots.get(&o.subject).copied(),
+                    Subject::Target(code) => self.target(code, solution),
+                };
+                let covariance = Matrix2::from_fn(|r, c| o.covariance[r][c]);
+                if let (Some(point), Some(information)) = (point, covariance.try_inverse()) {
+                    let at = Vector2::from(o.at);
+                    let observation =
+                        ImageObservation { camera: camera_index, point, at, information };
+                    self.problem.images.push(observation);
+                }
+            }
+        }
+    }
+
+    /// The point of a target, placed where this capture's cameras see it when it is new.
+    fn target(&mut self, code: u16, solution: &CaptureSolution) -> Option<usize> {
+        if let Some(&point) = self.targets.get(&code) {
+            return Some(point);
+        }
+        let known = self.setup.artefact.targets.iter().find(|t| t.code == code);
+        let at = match known {
+            Some(target) => Vector3::from(target.xyz_mm),
+            None => self.seen_at(code, solution)?,
+        };
+        let point = self.problem.points.len();
+        self.problem.points.push(at);
+        self.targets.insert(code, point);
+        if let Some(target) = known {
+            let sigma = target.u_mm.max(1e-6);
+            self.problem.controls.push(Control { point, at, sigma });
+        }
+        Some(point)
+    }
+
+    fn seen_at(&self, code: u16, solution: &CaptureSolution) -> Option<Vector3<f64>> {
+        let stations: Vec<(Station, Vector2<f64>)> = solution
+            .cameras
+            .iter()
+            .filter_map(|(name, camera)| {
+                let seen = |o: &&super::types::Observation| o.subject == Subject::Target(code);
+                let at = camera.observations.iter().find(seen)?.at;
+                let model = &self.setup.cameras.get(name)?.model;
+                let direction = model.normalise(&Vector2::from(at))?;
+                Some((station(camera.position_mm, camera.quaternion_wxyz), direction))
+            })
+            .collect();
+        let rays: Vec<_> = stations.iter().map(|(s, d)| (s, *d)).collect();
+        crate::pose::triangulate(&rays)
+    }
+}
+
+fn fan(setup: &Setup) -> SharedFan {
+    let pattern = &setup.pattern;
+    let of_reading = setup.wavelength_u_nm / pattern.reference_wavelength_nm;
+    SharedFan {
+        scale: 0.0,
+        scale_sigma: pattern.u.common_relative.hypot(of_reading),
+        beams: vec![Vector2::zeros(); (pattern.columns * pattern.rows) as usize],
+        beam_sigma: pattern.u.angle_deg.to_radians(),
+    }
+}
