@@ -2,21 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use beampose_core::Pose;
-use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::by_angles::{self, Dots};
 use super::orient::{Oriented, orient};
-use super::points::{RoughModule, Scene, build};
-use super::types::{
-    CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, Subject,
+use super::outcome::{
+    LeftOut, add_outliers, add_strays, camera_solutions, dots_in_space, dots_of, pose, residual,
 };
+use super::points::{RoughModule, Scene, build};
+use super::types::{CaptureSolution, Method, MethodResult, Subject};
 use crate::adjust::{BeamObservation, ModuleStation, Options, Summary, adjust};
 use crate::detect::{Dot, Target};
 use crate::identify::{Labelled, View, choose_turn, label_views};
 use crate::pattern::Order;
 use crate::pose::Station;
-use crate::rotation::wxyz;
 use crate::scene::Setup;
 
 /// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
@@ -211,29 +210,6 @@ fn dot_variance(scene: &Scene, summary: &Summary) -> f64 {
 /// With fewer redundant coordinates than this a variance component is mostly chance.
 const FEWEST_REDUNDANT: usize = 40;
 
-/// Observed minus computed of an image point. `None` where the point has no image.
-fn residual(scene: &Scene, image: usize) -> Option<Vector2<f64>> {
-    let o = &scene.problem.images[image];
-    let camera = &scene.problem.cameras[o.camera];
-    let in_camera = camera.station.station_point(&scene.problem.points[o.point]);
-    Some(o.at - camera.corrected().project(&in_camera)?)
-}
-
-/// The dots of a scene that took part, with their places.
-fn dots_of(scene: &Scene, summary: &Summary) -> (Vec<usize>, Vec<Order>, Vec<Vector3<f64>>) {
-    let mut found = (Vec::new(), Vec::new(), Vec::new());
-    for (point, subject) in scene.subjects.iter().enumerate() {
-        if let Subject::Dot(order) = subject
-            && summary.covariance.point_cofactor(point).is_some()
-        {
-            found.0.push(point);
-            found.1.push(*order);
-            found.2.push(scene.problem.points[point]);
-        }
-    }
-    found
-}
-
 fn turned(setup: &Setup, scene: &Scene, summary: &Summary, scale: f64) -> Result<Labelled, String> {
     let (_, orders, places) = dots_of(scene, summary);
     if places.len() < FEWEST_BEAMS {
@@ -252,9 +228,6 @@ fn relabel(labels: &mut [Vec<Option<Order>>], scene: &mut Scene, labelled: &Labe
         }
     }
 }
-
-/// An observation left out: (camera, subject, where).
-type LeftOut = (usize, Subject, Vector2<f64>);
 
 fn remove_outliers(scene: &mut Scene, summary: &mut Summary) -> Vec<LeftOut> {
     let out: Vec<LeftOut> = summary
@@ -370,103 +343,6 @@ fn add_beams(setup: &Setup, scene: &mut Scene) {
                 sigma,
                 shared: None,
             });
-        }
-    }
-}
-
-fn pose(station: &Station, covariance: &Matrix6<f64>) -> Pose {
-    let quaternion = UnitQuaternion::from_rotation_matrix(&station.rotation);
-    Pose {
-        position_mm: station.centre.into(),
-        quaternion_wxyz: wxyz(&quaternion),
-        covariance: std::array::from_fn(|r| {
-            std::array::from_fn(|c| (covariance[(r, c)] + covariance[(c, r)]) / 2.0)
-        }),
-    }
-}
-
-fn dots_in_space(scene: &Scene, summary: &Summary) -> Vec<DotInSpace> {
-    let (points, orders, places) = dots_of(scene, summary);
-    let mut dots: Vec<DotInSpace> = points
-        .iter()
-        .zip(orders.iter().zip(&places))
-        .filter_map(|(point, (order, place))| {
-            let c = summary.covariance.point(*point)?;
-            Some(DotInSpace {
-                order: *order,
-                xyz_mm: (*place).into(),
-                covariance: std::array::from_fn(|r| std::array::from_fn(|s| c[(r, s)])),
-            })
-        })
-        .collect();
-    dots.sort_by_key(|d| (d.order.n, d.order.m));
-    dots
-}
-
-fn camera_solutions(
-    cameras: &[Oriented<'_>],
-    scene: &Scene,
-    summary: &Summary,
-) -> BTreeMap<String, CameraSolution> {
-    let mut solved: BTreeMap<String, CameraSolution> = cameras
-        .iter()
-        .zip(&scene.problem.cameras)
-        .map(|(camera, adjusted)| {
-            let rotation = UnitQuaternion::from_rotation_matrix(&adjusted.station.rotation);
-            let solution = CameraSolution {
-                position_mm: adjusted.station.centre.into(),
-                quaternion_wxyz: wxyz(&rotation),
-                observations: Vec::new(),
-                strays: Vec::new(),
-            };
-            (camera.name.to_owned(), solution)
-        })
-        .collect();
-    for (i, o) in scene.problem.images.iter().enumerate() {
-        let Some(residual) = residual(scene, i) else { continue };
-        let covariance = o.information.try_inverse().unwrap_or_default();
-        if let Some(camera) = solved.get_mut(cameras[o.camera].name) {
-            camera.observations.push(Observation {
-                subject: scene.subjects[o.point],
-                at: o.at.into(),
-                covariance: std::array::from_fn(|r| std::array::from_fn(|c| covariance[(r, c)])),
-                residual: residual.into(),
-                used: summary.outlier_images.binary_search(&i).is_err(),
-            });
-        }
-    }
-    solved
-}
-
-/// Observations that the first adjustment left out, shown as such where the second kept them out.
-fn add_outliers(
-    solved: &mut BTreeMap<String, CameraSolution>,
-    cameras: &[Oriented<'_>],
-    left_out: &[LeftOut],
-    labelled: &Labelled,
-) {
-    for (camera, subject, at) in left_out {
-        let subject = match subject {
-            Subject::Dot(order) => Subject::Dot(labelled.apply(*order)),
-            target => *target,
-        };
-        if let Some(camera) = solved.get_mut(cameras[*camera].name)
-            && !camera.observations.iter().any(|o| o.subject == subject)
-        {
-            camera.strays.push([at.x, at.y]);
-        }
-    }
-}
-
-fn add_strays(
-    solved: &mut BTreeMap<String, CameraSolution>,
-    cameras: &[Oriented<'_>],
-    labels: &[Vec<Option<Order>>],
-) {
-    for (camera, labels) in cameras.iter().zip(labels) {
-        if let Some(solution) = solved.get_mut(camera.name) {
-            let unlabelled = camera.sighting.dots.iter().zip(labels).filter(|(_, l)| l.is_none());
-            solution.strays.extend(unlabelled.map(|(d, _)| [d.point.at.x, d.point.at.y]));
         }
     }
 }

@@ -7,6 +7,7 @@ mod by_angles;
 mod capture;
 mod eccentricity;
 mod orient;
+mod outcome;
 mod points;
 mod session;
 mod types;

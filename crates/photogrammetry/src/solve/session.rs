@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use beampose_core::Pose;
 use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
 
+use super::outcome::pose;
 use super::points::interior;
 use super::types::{CaptureSolution, Method, Subject};
 use crate::adjust::{
@@ -18,7 +19,6 @@ use crate::adjust::{
     SharedFan, Summary, adjust,
 };
 use crate::pose::Station;
-use crate::rotation::wxyz;
 use crate::scene::Setup;
 
 /// What is left of a beam's direction beside its constant error, radians: far below what a dot
@@ -81,17 +81,6 @@ pub fn solve_session(
         .collect();
     let outliers = summary.outlier_images.len() + summary.outlier_beams.len();
     Ok(SessionSolution { poses, sigma0: summary.sigma0(), outliers, modules, summary })
-}
-
-fn pose(station: &Station, covariance: &Matrix6<f64>) -> Pose {
-    let quaternion = UnitQuaternion::from_rotation_matrix(&station.rotation);
-    Pose {
-        position_mm: station.centre.into(),
-        quaternion_wxyz: wxyz(&quaternion),
-        covariance: std::array::from_fn(|r| {
-            std::array::from_fn(|c| (covariance[(r, c)] + covariance[(c, r)]) / 2.0)
-        }),
-    }
 }
 
 fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {
