@@ -21,7 +21,7 @@ pub const CSS: &str = r#"
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 15px/1.5 var(--sans);
   font-variant-numeric: tabular-nums lining-nums; }
-main { max-width: 78rem; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
+main { max-width: 82rem; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
 header { border-bottom: 2px solid var(--ink); padding-bottom: 1rem; }
 header p.kind { margin: 0; color: var(--muted); letter-spacing: .06em; text-transform: uppercase; font-size: .78rem; }
 h1, h2, h3 { font-family: var(--serif); font-weight: 600; line-height: 1.25; }
