@@ -1,9 +1,21 @@
 //! Capture by capture.
 
+use std::collections::BTreeMap;
+
 use crate::scene::Laboratory;
 use beampose_photogrammetry::Order;
-use beampose_photogrammetry::solve::{Method, Subject, solve_capture};
+use beampose_photogrammetry::solve::{CaptureSolution, Method, Sighting, Subject, solve_capture};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+/// Both methods of a capture on what the cameras saw.
+fn solve(
+    laboratory: &Laboratory,
+    sightings: &BTreeMap<String, Sighting>,
+    wavelength_nm: Option<f64>,
+) -> CaptureSolution {
+    let methods = &Method::OF_A_CAPTURE;
+    solve_capture(&laboratory.setup, sightings, wavelength_nm, methods, &mut || ())
+}
 
 /// NEES of the position (three coordinates) for one method's pose.
 fn nees(pose: &beampose_core::Pose, truth: Vector3<f64>) -> f64 {
@@ -16,13 +28,7 @@ fn nees(pose: &beampose_core::Pose, truth: Vector3<f64>) -> f64 {
 fn a_perfect_sighting_gives_the_true_pose() {
     let laboratory = Laboratory::exact();
     let (sightings, truth) = laboratory.capture(0, 300.0);
-    let solution = solve_capture(
-        &laboratory.setup,
-        &sightings,
-        Some(658.0),
-        &Method::OF_A_CAPTURE,
-        &mut || (),
-    );
+    let solution = solve(&laboratory, &sightings, Some(658.0));
     for result in &solution.results {
         let pose = result.pose.as_ref().unwrap();
         let error = Vector3::from(pose.position_mm) - truth.position;
@@ -43,13 +49,7 @@ fn the_stated_covariance_is_true() {
     for seed in 0..draws {
         let laboratory = Laboratory::drawn(seed);
         let (sightings, truth) = laboratory.capture(seed, 100.0 * f64::from(seed as u32 % 10));
-        let solution = solve_capture(
-            &laboratory.setup,
-            &sightings,
-            Some(laboratory.read_nm()),
-            &Method::OF_A_CAPTURE,
-            &mut || (),
-        );
+        let solution = solve(&laboratory, &sightings, Some(laboratory.read_nm()));
         for (sum, result) in sums.iter_mut().zip(&solution.results) {
             *sum += nees(result.pose.as_ref().unwrap(), truth.position);
         }
@@ -80,13 +80,7 @@ fn hidden_dots_strays_and_a_wrong_target_are_survived() {
         }
         sighting.targets[k].point.at.x += 4.0;
     }
-    let solution = solve_capture(
-        &laboratory.setup,
-        &sightings,
-        Some(laboratory.read_nm()),
-        &Method::OF_A_CAPTURE,
-        &mut || (),
-    );
+    let solution = solve(&laboratory, &sightings, Some(laboratory.read_nm()));
     for result in &solution.results {
         let pose = result.pose.as_ref().unwrap();
         // 99.99 % of a chi squared of three.
@@ -102,15 +96,13 @@ fn what_cannot_be_solved_says_why() {
     for sighting in sightings.values_mut() {
         sighting.dots.clear();
     }
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, None, &Method::OF_A_CAPTURE, &mut || ());
+    let solution = solve(&laboratory, &sightings, None);
     let reason = solution.results[0].pose.as_ref().unwrap_err();
     assert!(reason.contains("grid of dots"), "{reason}");
     for sighting in sightings.values_mut() {
         sighting.targets.clear();
     }
-    let solution =
-        solve_capture(&laboratory.setup, &sightings, None, &Method::OF_A_CAPTURE, &mut || ());
+    let solution = solve(&laboratory, &sightings, None);
     let reason = solution.results[1].pose.as_ref().unwrap_err();
     assert!(reason.contains("0 of the artefact's targets found"), "{reason}");
 }
@@ -120,13 +112,7 @@ fn one_blind_camera_is_survived() {
     let laboratory = Laboratory::drawn(11);
     let (mut sightings, truth) = laboratory.capture(11, 700.0);
     sightings.remove("cam_b");
-    let solution = solve_capture(
-        &laboratory.setup,
-        &sightings,
-        Some(laboratory.read_nm()),
-        &Method::OF_A_CAPTURE,
-        &mut || (),
-    );
+    let solution = solve(&laboratory, &sightings, Some(laboratory.read_nm()));
     for result in &solution.results {
         assert!(nees(result.pose.as_ref().unwrap(), truth.position) < 21.1);
     }
@@ -137,13 +123,7 @@ fn one_blind_camera_is_survived() {
 fn beams_are_named_as_the_module_sees_them() {
     let laboratory = Laboratory::exact();
     let (sightings, _) = laboratory.capture(0, 900.0);
-    let solution = solve_capture(
-        &laboratory.setup,
-        &sightings,
-        Some(658.0),
-        &Method::OF_A_CAPTURE,
-        &mut || (),
-    );
+    let solution = solve(&laboratory, &sightings, Some(658.0));
     let camera = &solution.cameras["cam_a"];
     let at = |m, n| {
         let named = Subject::Dot(Order { m, n });
