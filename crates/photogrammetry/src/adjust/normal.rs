@@ -241,8 +241,8 @@ impl Summation<'_> {
                 let weighted = linear.information * linear.by_rest.column(a.column + k);
                 common.gradient[a.at + k] += weighted.dot(&linear.residual);
                 let column = common.border.column_mut(a.at + k).data.into_slice_mut();
-                // Of a run with itself the lower triangle.
-                add_products(&mut column[a.at + k..a.at + a.len], linear, a.column + k, &weighted);
+                // The upper triangle of a run with itself is never read, but six at a time is quick.
+                add_products(&mut column[a.at..a.at + a.len], linear, a.column, &weighted);
                 for b in touches[i + 1..].iter().filter(|b| b.at < self.layout.border) {
                     add_products(&mut column[b.at..b.at + b.len], linear, b.column, &weighted);
                 }
@@ -325,9 +325,17 @@ impl Summation<'_> {
 /// Adds the products of some columns of the Jacobian with one that is weighted.
 #[inline]
 fn add_products(target: &mut [f64], linear: &Linear, column: usize, weighted: &Vector2<f64>) {
+    #[inline]
+    fn sum(target: &mut [f64], columns: &[f64], weighted: &Vector2<f64>) {
+        for (t, j) in target.iter_mut().zip(columns.chunks_exact(2)) {
+            *t += weighted.x * j[0] + weighted.y * j[1];
+        }
+    }
     let columns = &linear.by_rest.as_slice()[2 * column..2 * (column + target.len())];
-    for (t, j) in target.iter_mut().zip(columns.chunks_exact(2)) {
-        *t += weighted.x * j[0] + weighted.y * j[1];
+    // Poses are by far the most: a length that the compiler knows is unrolled.
+    match (<&mut [f64; 6]>::try_from(&mut *target), <&[f64; 12]>::try_from(columns)) {
+        (Ok(target), Ok(columns)) => sum(target, columns, weighted),
+        _ => sum(target, columns, weighted),
     }
 }
 
@@ -340,17 +348,21 @@ fn couple(
     linear: &Linear,
     weighted_point: &nalgebra::Matrix2x3<f64>,
 ) {
-    let (x, rest) = coupling.split_at_mut(width);
-    let (y, z) = rest.split_at_mut(width);
-    let w = weighted_point;
+    #[inline]
+    fn sum(target: &mut [f64], columns: &[f64], w: [f64; 2]) {
+        for (t, j) in target.iter_mut().zip(columns.chunks_exact(2)) {
+            *t += j[0] * w[0] + j[1] * w[1];
+        }
+    }
     for touch in row.touches() {
         let columns = &linear.by_rest.as_slice()[2 * touch.column..2 * (touch.column + touch.len)];
-        let rows = touch.row..touch.row + touch.len;
-        let targets = x[rows.clone()].iter_mut().zip(&mut y[rows.clone()]).zip(&mut z[rows]);
-        for (((x, y), z), j) in targets.zip(columns.chunks_exact(2)) {
-            *x += j[0] * w[(0, 0)] + j[1] * w[(1, 0)];
-            *y += j[0] * w[(0, 1)] + j[1] * w[(1, 1)];
-            *z += j[0] * w[(0, 2)] + j[1] * w[(1, 2)];
+        for axis in 0..3 {
+            let w = [weighted_point[(0, axis)], weighted_point[(1, axis)]];
+            let target = &mut coupling[axis * width + touch.row..][..touch.len];
+            match (<&mut [f64; 6]>::try_from(&mut *target), <&[f64; 12]>::try_from(columns)) {
+                (Ok(target), Ok(columns)) => sum(target, columns, w),
+                _ => sum(target, columns, w),
+            }
         }
     }
 }
