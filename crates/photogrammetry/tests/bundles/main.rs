@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test may fail by panicking")]
 
 mod data;
+mod network;
 
 use beampose_photogrammetry::adjust::{Datum, Options, Problem, adjust};
 
