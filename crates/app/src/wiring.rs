@@ -14,12 +14,12 @@ use beampose_plan::rig::{self, Simulation};
 use beampose_plan::{ClockKind, Instrument, Rig};
 use beampose_virtual_lab::config::{
     BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, Polarity, RailConfig,
-    RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole, ThermometerConfig,
-    WallConfig, WavemeterConfig,
+    RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
+    ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::{
-    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation, SimulatedThermometer,
-    SimulatedWavemeter, World, WorldConfig,
+    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
+    SimulatedThermometer, SimulatedWavemeter, World, WorldConfig,
 };
 
 /// The clock of a run.

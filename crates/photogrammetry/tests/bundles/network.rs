@@ -5,6 +5,7 @@ use beampose_photogrammetry::adjust::{
     Loss, ObservationId, Options, Problem, ScaleBar, adjust, test_observations, variance_component,
 };
 use beampose_photogrammetry::camera::Camera;
+use beampose_photogrammetry::initial::{InitialError, initial_values};
 use beampose_photogrammetry::pose::Station;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Rotation3, SMatrix, Vector2, Vector3, Vector6};
 use rand::SeedableRng;
@@ -289,4 +290,72 @@ fn nees<const N: usize>(covariance: &SMatrix<f64, N, N>, error: &SMatrix<f64, N,
     let covariance = DMatrix::from_fn(N, N, |r, c| covariance[(r, c)]);
     let error = DVector::from_fn(N, |r, _| error[r]);
     error.dot(&covariance.cholesky().unwrap().solve(&error))
+}
+
+/// A problem whose start values are all forgotten.
+fn forgotten(mut problem: Problem) -> Problem {
+    let nowhere = Station { centre: Vector3::zeros(), rotation: Rotation3::identity() };
+    problem.cameras.iter_mut().for_each(|c| c.station = nowhere);
+    for (i, point) in problem.points.iter_mut().enumerate() {
+        if !problem.held_points.contains(&i) {
+            *point = Vector3::zeros();
+        }
+    }
+    problem
+}
+
+#[track_caller]
+fn ends_alike(problem: Problem, options: &Options) {
+    let mut from_nothing = forgotten(problem.clone());
+    initial_values(&mut from_nothing).unwrap();
+    let mut from_truth = problem;
+    let expected = adjust(&mut from_truth, options).unwrap().chi2;
+    let found = adjust(&mut from_nothing, options).unwrap().chi2;
+    assert!((found / expected - 1.0).abs() < 1e-6, "{found} against {expected}");
+}
+
+#[test]
+fn a_network_is_found_from_nothing() {
+    let keep = Options { outlier_sigmas: f64::INFINITY, ..Options::default() };
+    let free = Options { datum: Datum::InnerConstraints, ..keep };
+    for seed in 0..10 {
+        // On known points; with known points that no camera is resected on; free; flat and free.
+        ends_alike(anchored(seed), &keep);
+        let mut few = network(seed);
+        few.controls = [0, 3, 12].map(|p| control(&few, p)).into();
+        ends_alike(few, &keep);
+        ends_alike(network(seed), &free);
+    }
+    ends_alike(super::data::dots("ba11.txt"), &keep);
+}
+
+#[test]
+fn a_flat_network_is_found_from_nothing() {
+    let free = Options {
+        datum: Datum::InnerConstraints,
+        outlier_sigmas: f64::INFINITY,
+        ..Options::default()
+    };
+    for seed in 0..10 {
+        let mut flat = network(seed);
+        flat.points.iter_mut().for_each(|p| p.z = 0.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        for i in 0..flat.images.len() {
+            let o = flat.images[i];
+            let noise = Vector2::new(normal(&mut rng), normal(&mut rng)) * SIGMA;
+            flat.images[i].at = flat.image_of(o.camera, o.point).unwrap() + noise;
+        }
+        ends_alike(flat, &free);
+    }
+}
+
+#[test]
+fn a_network_that_does_not_hang_together_is_refused() {
+    let mut problem = network(0);
+    problem.images.retain(|o| o.camera != 3 || o.point < 3);
+    let before = problem.clone();
+    assert_eq!(initial_values(&mut problem), Err(InitialError::Unconnected(vec![3])));
+    assert_eq!(problem, before);
+    problem.images.retain(|o| o.camera == 0);
+    assert_eq!(initial_values(&mut problem), Err(InitialError::NothingToStartFrom));
 }
