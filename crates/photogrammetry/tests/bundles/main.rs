@@ -1,7 +1,5 @@
 //! Adjustments against what other solvers find on the same data.
 
-#![expect(clippy::unwrap_used, reason = "a test may fail by panicking")]
-
 mod data;
 mod network;
 
