@@ -14,6 +14,8 @@ pub struct Checked {
     pub plan: Plan,
     /// The rig.
     pub rig: Rig,
+    /// The rig's file.
+    pub rig_path: PathBuf,
     /// The folder that the rig's file names are relative to.
     pub rig_folder: PathBuf,
     /// Steps, estimates, warnings.
@@ -42,7 +44,31 @@ pub fn checked(plan: &Path, rig: Option<&Path>, overrides: &Overrides) -> Result
     let (plan, rig, summary) =
         check_both(plan_read, rig_read).map_err(|faults| faults.to_string())?;
     let rig_folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
-    Ok(Checked { plan, rig: overrides.apply(rig)?, rig_folder, summary })
+    Ok(Checked { plan, rig: overrides.apply(rig)?, rig_path: path, rig_folder, summary })
+}
+
+/// Where a session's plan and rig came from, and what the command line changed: what resuming it
+/// needs.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// The plan's file, absolute.
+    pub plan: PathBuf,
+    /// The rig's file, absolute.
+    pub rig: PathBuf,
+    /// What the command line changed of the rig.
+    pub overrides: Overrides,
+}
+
+impl Origin {
+    /// The origin of what was read.
+    ///
+    /// # Errors
+    /// When the current folder is not known.
+    pub fn of(plan: &Path, checked: &Checked, overrides: Overrides) -> std::io::Result<Self> {
+        let (plan, rig) = (std::path::absolute(plan)?, std::path::absolute(&checked.rig_path)?);
+        Ok(Self { plan, rig, overrides })
+    }
 }
 
 fn file<T>(path: &Path, read: impl Fn(&str, &[u8]) -> AsRead<T>) -> AsRead<T> {

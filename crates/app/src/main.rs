@@ -3,6 +3,7 @@
 
 mod calibration;
 mod cli;
+mod conduct;
 mod exchange;
 mod input;
 mod output;

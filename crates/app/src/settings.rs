@@ -3,7 +3,10 @@
 use beampose_plan::Rig;
 
 /// Changes to a simulated rig.
-#[derive(Debug, Clone, Copy, Default, clap::Args)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, clap::Args, serde::Serialize, serde::Deserialize,
+)]
+#[serde(deny_unknown_fields)]
 pub struct Overrides {
     /// Another seed for a simulated rig: another world, other noise
     #[arg(long, value_name = "N")]

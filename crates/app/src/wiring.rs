@@ -5,9 +5,10 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
-use beampose_core::{Clock, InstrumentName, VirtualClock};
+use beampose_core::{Clock, InstrumentName, Stamp, VirtualClock};
 use beampose_engine::{Bench, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
@@ -18,9 +19,10 @@ use beampose_virtual_lab::config::{
     ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::{
-    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
+    ErrorDraw, History, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
     SimulatedThermometer, SimulatedWavemeter, World, WorldConfig,
 };
+use jiff::SignedDuration;
 
 /// The clock of a run.
 #[derive(Clone)]
@@ -32,10 +34,29 @@ pub enum LabClock {
 }
 
 impl LabClock {
-    fn of(kind: ClockKind) -> Self {
+    fn of(kind: ClockKind, before: &Before) -> Self {
+        let Some((opened, stopped)) = before.times else {
+            return match kind {
+                ClockKind::Real => Self::Real(Arc::new(RealClock::start())),
+                ClockKind::Virtual => {
+                    Self::Virtual(VirtualClock::starting_at(jiff::Timestamp::now()))
+                }
+            };
+        };
         match kind {
-            ClockKind::Real => Self::Real(Arc::new(RealClock::start())),
-            ClockKind::Virtual => Self::Virtual(VirtualClock::starting_at(jiff::Timestamp::now())),
+            ClockKind::Real => {
+                // A wall clock that was set back since does not turn the session's time back.
+                let passed = jiff::Timestamp::now().duration_since(opened.utc);
+                let passed = Duration::try_from(passed).unwrap_or_default();
+                let now = (opened.monotonic + passed).max(stopped.monotonic);
+                Self::Real(Arc::new(RealClock::resumed(now)))
+            }
+            // Nobody waited: virtual time stood still.
+            ClockKind::Virtual => {
+                let start =
+                    opened.utc - SignedDuration::try_from(opened.monotonic).unwrap_or_default();
+                Self::Virtual(VirtualClock::resumed(start, stopped.monotonic))
+            }
         }
     }
 
@@ -68,20 +89,29 @@ pub struct Laboratory {
     pub setup: Setup,
 }
 
+/// What an earlier run of the session leaves; nothing where there was none.
+#[derive(Debug, Clone, Default)]
+pub struct Before {
+    /// When the session was opened, and when the last thing that is known happened.
+    pub times: Option<(Stamp, Stamp)>,
+    /// What the simulated world lived through.
+    pub history: History,
+}
+
 /// Builds the instruments of `rig`. `setup` holds the calibrations at full picture size.
 ///
 /// # Errors
 /// Which instrument cannot be built and why, for people.
-pub fn laboratory(rig: &Rig, setup: Setup) -> Result<Laboratory, String> {
+pub fn laboratory(rig: &Rig, setup: Setup, before: &Before) -> Result<Laboratory, String> {
     let unknown = rig.unknown_drivers(beampose_drivers::known);
     if !unknown.is_empty() {
         return Err(unknown.to_string());
     }
-    let clock = LabClock::of(rig.clock);
+    let clock = LabClock::of(rig.clock, before);
     let world = match &rig.simulation {
         Some(simulation) => {
             let config = world_config(rig, simulation, &setup)?;
-            let world = World::new(config, simulation.seed)
+            let world = World::after(config, simulation.seed, before.history.clone())
                 .map_err(|error| format!("{}: simulation: {error}", rig.source.name()))?;
             Some(Arc::new(world))
         }

@@ -91,6 +91,15 @@ impl VirtualClock {
         Self(Arc::new(Shared { start, timers: Mutex::default(), external: Arc::default() }))
     }
 
+    /// A clock that shows `start + offset` and counts from `offset` on: the clock of a session that
+    /// began at `start` and goes on.
+    #[must_use]
+    pub fn resumed(start: jiff::Timestamp, offset: Duration) -> Self {
+        let clock = Self::starting_at(start);
+        clock.timers().now = offset;
+        clock
+    }
+
     /// Runs `future` to its end, in virtual time.
     pub fn drive<'a, T: Send + 'a>(&self, future: BoxFuture<'a, T>) -> BoxFuture<'a, T> {
         Box::pin(Drive { clock: self.clone(), future })

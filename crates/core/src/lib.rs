@@ -18,6 +18,6 @@ pub use instrument::{
     Axis, Camera, Emission, Frame, Identity, Instrument, InstrumentError, Laser, Sensor,
 };
 pub use record::{
-    CaptureRecord, Event, EventKind, Picture, Quantity, Reading, RunSink, SessionHeader,
+    CaptureRecord, Event, EventKind, Gap, Picture, Quantity, Reading, RunSink, SessionHeader,
     SessionOutcome, SinkError, StepOutcome, StepRecord,
 };

@@ -172,6 +172,8 @@ pub enum EventKind {
     LaserUnknown,
     /// An axis moved.
     Moved,
+    /// The session goes on after it was stopped or died.
+    Resumed,
     /// The operator or a signal asked to stop.
     AbortRequested,
     /// A step failed.
@@ -222,6 +224,9 @@ pub struct SessionHeader {
     pub measurement_json: String,
     /// BLAKE3 over the expanded steps, in hexadecimal.
     pub plan_hash: String,
+    /// Where plan and rig came from and what the command line changed, as JSON, so that the session
+    /// can be resumed; `app` writes and reads it. `None` for an imported session.
+    pub origin_json: Option<String>,
     /// The program's version.
     pub software: String,
     /// The simulation's seed, if simulated.
@@ -230,6 +235,21 @@ pub struct SessionHeader {
     pub steps: u32,
     /// When it began.
     pub opened: Stamp,
+}
+
+/// The time between the end of a run and the moment in which its session goes on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gap {
+    /// When the last thing that is known of the run happened.
+    pub stopped: Stamp,
+    /// When the session goes on.
+    pub resumed: Stamp,
+    /// How the run had ended: its outcome, or that it died.
+    pub reason: String,
+    /// Steps that were begun or done before and are done again.
+    pub redone: Vec<StepNumber>,
+    /// What is re-established before the first step, for people.
+    pub restored: Vec<String>,
 }
 
 /// Why what was acquired could not be kept.
@@ -250,6 +270,11 @@ pub trait RunSink: Send + Sync {
     /// # Errors
     /// [`SinkError`] when it is not durable.
     async fn open(&self, header: &SessionHeader) -> Result<(), SinkError>;
+    /// A session goes on. What the steps to be done again left is kept as an earlier attempt.
+    ///
+    /// # Errors
+    /// [`SinkError`] when it is not durable.
+    async fn reopen(&self, session: SessionId, gap: &Gap) -> Result<(), SinkError>;
     /// A step ended: all it acquired and the fact that it ended, durable when this returns.
     ///
     /// # Errors

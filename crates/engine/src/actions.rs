@@ -10,7 +10,7 @@ use beampose_core::clock::{Clock, within};
 use beampose_core::instrument::AxisUnit;
 use beampose_core::{
     Camera, CaptureId, CaptureRecord, Emission, Event, EventKind, Frame, InstrumentError,
-    InstrumentName, Picture, Reading,
+    InstrumentName, Picture, Quantity, Reading,
 };
 use beampose_plan::{Action, Step};
 use futures::future::join_all;
@@ -40,7 +40,7 @@ pub(crate) enum Fault {
 }
 
 /// What is known of the laboratory from one step to the next.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Situation {
     /// Where axes were last told to be, keyed as `rail_mm`.
     setpoints: BTreeMap<String, f64>,
@@ -50,6 +50,45 @@ pub(crate) struct Situation {
     sensed: BTreeMap<String, f64>,
     /// Axes told to move that have not confirmed to stand.
     pub(crate) moving: BTreeSet<InstrumentName>,
+}
+
+impl Situation {
+    /// What a step that was done left behind, from its readings.
+    pub(crate) fn replay(&mut self, step: &Step, readings: &[(InstrumentName, Reading)]) {
+        if let Action::Move { axis, target, unit } = &step.action {
+            self.moved(axis, *target, *unit);
+        }
+        for (name, reading) in readings {
+            self.have_read(name, reading);
+        }
+    }
+
+    /// An axis was told to move: what was read before holds no more.
+    fn moved(&mut self, axis: &InstrumentName, target: f64, unit: AxisUnit) {
+        let key = format!("{axis}_{}", suffix(unit));
+        self.sensed.clear();
+        self.encoders.remove(&key);
+        self.setpoints.insert(key, target);
+    }
+
+    fn have_read(&mut self, name: &InstrumentName, reading: &Reading) {
+        match reading.quantity {
+            Quantity::Position | Quantity::Angle => {
+                let key = format!("{name}_{}", reading.quantity.suffix());
+                self.encoders.insert(key, reading.value);
+            }
+            _ => {
+                self.sensed.insert(reading.quantity.to_string(), reading.value);
+            }
+        }
+    }
+}
+
+fn suffix(unit: AxisUnit) -> &'static str {
+    match unit {
+        AxisUnit::Millimetre => "mm",
+        AxisUnit::Degree => "deg",
+    }
 }
 
 /// Events that wait for the next transaction; displays hear of them at once.
@@ -175,14 +214,8 @@ impl Doing<'_, '_> {
         if found != planned {
             return Err(Fault::WrongUnit { name: name.clone(), planned, found });
         }
-        let suffix = match planned {
-            AxisUnit::Millimetre => "mm",
-            AxisUnit::Degree => "deg",
-        };
-        let key = format!("{name}_{suffix}");
-        self.situation.sensed.clear();
-        self.situation.encoders.remove(&key);
-        self.situation.setpoints.insert(key, target);
+        let suffix = suffix(planned);
+        self.situation.moved(name, target, planned);
         self.situation.moving.insert(name.clone());
         self.ask(name, axis.move_to(target)).await?;
         self.situation.moving.remove(name);
@@ -201,15 +234,7 @@ impl Doing<'_, '_> {
         if !value.is_finite() {
             return Err(Fault::NotANumber { name: name.clone(), value });
         }
-        match readable {
-            Readable::Axis(_) => {
-                let key = format!("{name}_{}", reading.quantity.suffix());
-                self.situation.encoders.insert(key, value);
-            }
-            Readable::Sensor(_) => {
-                self.situation.sensed.insert(reading.quantity.to_string(), value);
-            }
-        }
+        self.situation.have_read(name, &reading);
         self.acquired.readings.push((name.clone(), reading));
         Ok(())
     }

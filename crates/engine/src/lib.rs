@@ -15,6 +15,7 @@ mod error;
 pub mod machine;
 mod observe;
 mod real_clock;
+mod resume;
 mod runner;
 pub mod safe_state;
 #[cfg(test)]
@@ -25,4 +26,5 @@ pub use bench::Bench;
 pub use error::EngineError;
 pub use observe::{CaptureSummary, Notice, Observer, Observers};
 pub use real_clock::RealClock;
-pub use runner::{RunSummary, StepFailure, Surroundings, run};
+pub use resume::{Earlier, restoration};
+pub use runner::{RunSummary, StepFailure, Surroundings, resume, run};

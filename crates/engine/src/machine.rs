@@ -9,9 +9,9 @@
 //! - Everything is made safe once more before the session closes.
 //! - An error outranks an abort, an abort outranks completion; an unknown laser is an error.
 //!
-//! Pause and resume will be states between steps: `Input::Pause` where [`Machine::next`] would
-//! give [`Command::Run`] in the main section, and a machine that begins behind the steps already
-//! stored instead of at the first.
+//! A resumed run is a machine that begins behind the main steps already done ([`Machine::resuming`]).
+//! Pause will be a state between steps: `Input::Pause` where [`Machine::next`] would give
+//! [`Command::Run`] in the main section.
 
 use beampose_core::SessionOutcome;
 use beampose_plan::Section;
@@ -118,8 +118,15 @@ impl Machine {
     /// A machine for steps of these sections.
     #[must_use]
     pub fn new(sections: &[Section]) -> Self {
+        Self::resuming(sections, |_| false)
+    }
+
+    /// A machine that goes on with a run: main steps that `is_done` (by their index) are behind it.
+    /// Every `finally` step is before it, whether or not it ran before.
+    #[must_use]
+    pub fn resuming(sections: &[Section], is_done: impl Fn(usize) -> bool) -> Self {
         let of = |section| (0..sections.len()).filter(move |&i| sections[i] == section);
-        let mut order: Vec<usize> = of(Section::Main).collect();
+        let mut order: Vec<usize> = of(Section::Main).filter(|&i| !is_done(i)).collect();
         let main = order.len();
         order.extend(of(Section::Finally));
         Self { order, main, state: State::New, outcome: SessionOutcome::Completed, stopping: false }
@@ -379,6 +386,16 @@ mod tests {
     #[test]
     fn an_input_out_of_turn_makes_everything_safe_and_closes() {
         check(&[(Begin, Prepare), (Stored, Secure), (OFF, Close(Error))]);
+    }
+
+    #[test]
+    fn a_resumed_run_skips_what_is_done_and_runs_all_of_finally() {
+        let [main, finally] = [Section::Main, Section::Finally];
+        let mut machine = Machine::resuming(&[main, main, finally], |i| i != 1);
+        assert_eq!(machine.next(Begin), Prepare);
+        assert_eq!(machine.next(Prepared), Run { step: 1 });
+        assert_eq!(machine.next(StepDone), Store);
+        assert_eq!(machine.next(Stored), Run { step: 2 });
     }
 
     #[test]

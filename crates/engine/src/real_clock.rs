@@ -8,19 +8,26 @@ use beampose_core::clock::{BoxFuture, Clock, ExternalGuard, Stamp};
 #[derive(Debug, Clone)]
 pub struct RealClock {
     start: Instant,
+    offset: Duration,
 }
 
 impl RealClock {
     /// A clock whose monotonic offset begins now.
     #[must_use]
     pub fn start() -> Self {
-        Self { start: Instant::now() }
+        Self::resumed(Duration::ZERO)
+    }
+
+    /// A clock whose monotonic offset goes on from `offset`: that of a session that goes on.
+    #[must_use]
+    pub fn resumed(offset: Duration) -> Self {
+        Self { start: Instant::now(), offset }
     }
 }
 
 impl Clock for RealClock {
     fn now(&self) -> Stamp {
-        Stamp { monotonic: self.start.elapsed(), utc: jiff::Timestamp::now() }
+        Stamp { monotonic: self.offset + self.start.elapsed(), utc: jiff::Timestamp::now() }
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use beampose_core::clock::{Clock, within};
 use beampose_core::{
-    EventKind, InstrumentError, RunSink, SessionHeader, SessionId, SessionOutcome, SinkError,
+    EventKind, Gap, InstrumentError, RunSink, SessionHeader, SessionId, SessionOutcome, SinkError,
     Stamp, StepNumber, StepOutcome, StepRecord,
 };
 use beampose_plan::{Action, Section, Step};
@@ -14,6 +14,7 @@ use futures::future::{Either, join_all, select};
 
 use crate::actions::{Acquired, Doing, Fault, Journal, Situation};
 use crate::machine::{Command, Input, Lasers, Machine};
+use crate::resume::{Earlier, restoration};
 use crate::safe_state::{Cause, LaserGuard, secure};
 use crate::{AbortHandle, Bench, EngineError, Notice, Observers};
 
@@ -89,8 +90,38 @@ pub async fn run(
     let guard = LaserGuard::armed(around.bench);
     let opening = around.sink.open(header);
     kept(around.clock, "the session", opening).await.map_err(EngineError::NotOpened)?;
+    follow(steps, header, Earlier::default(), guard, around).await
+}
+
+/// Goes on with the session that `header` describes: main steps that `earlier` did are not run
+/// again. What later steps rely on is re-established first ([`crate::restoration`]), after lasers
+/// were switched off and every instrument said who it is.
+///
+/// # Errors
+/// As [`run`].
+pub async fn resume(
+    steps: &[Step],
+    header: &SessionHeader,
+    earlier: Earlier,
+    gap: &Gap,
+    around: &Surroundings<'_>,
+) -> Result<RunSummary, EngineError> {
+    around.bench.check(steps)?;
+    let guard = LaserGuard::armed(around.bench);
+    let reopening = around.sink.reopen(header.id, gap);
+    kept(around.clock, "the session", reopening).await.map_err(EngineError::NotOpened)?;
+    follow(steps, header, earlier, guard, around).await
+}
+
+async fn follow(
+    steps: &[Step],
+    header: &SessionHeader,
+    earlier: Earlier,
+    guard: LaserGuard<'_>,
+    around: &Surroundings<'_>,
+) -> Result<RunSummary, EngineError> {
     around.observers.tell(&Notice::Opened(Arc::new(header.clone())));
-    let mut runner = Runner::new(steps, header, around);
+    let mut runner = Runner::new(steps, header, earlier, around);
     let outcome = runner.follow_machine(steps).await;
     if runner.summary.lasers == Lasers::Off {
         guard.disarm();
@@ -100,6 +131,10 @@ pub async fn run(
 
 struct Runner<'a> {
     around: &'a Surroundings<'a>,
+    /// What an earlier run did.
+    earlier: Earlier,
+    /// What is to be re-established before the first step.
+    restoration: Vec<Step>,
     situation: Situation,
     journal: Journal<'a>,
     /// The step that waits to be stored.
@@ -113,24 +148,43 @@ struct Runner<'a> {
 }
 
 impl<'a> Runner<'a> {
-    fn new(steps: &[Step], header: &SessionHeader, around: &'a Surroundings<'a>) -> Self {
+    fn new(
+        steps: &[Step],
+        header: &SessionHeader,
+        earlier: Earlier,
+        around: &'a Surroundings<'a>,
+    ) -> Self {
         let Surroundings { observers, clock, .. } = *around;
         let mut journal = Journal { observers, clock, events: Vec::new() };
-        journal.note(EventKind::Opened, format!("session {} opened: {}", header.id, header.title));
+        if earlier.done.is_empty() {
+            let message = format!("session {} opened: {}", header.id, header.title);
+            journal.note(EventKind::Opened, message);
+        } else {
+            let message = format!("session {} resumed: {}", header.id, header.title);
+            journal.note(EventKind::Resumed, message);
+        }
+        let mut situation = Situation::default();
+        for step in steps.iter().filter(|step| earlier.done.contains(&step.number)) {
+            let readings = earlier.readings.get(&step.number);
+            situation.replay(step, readings.map_or(&[], Vec::as_slice));
+        }
+        let done = steps.iter().filter(|step| earlier.done.contains(&step.number));
         let summary = RunSummary {
             session: header.id,
             outcome: SessionOutcome::Error,
             closed: header.opened,
             steps: steps.len(),
-            steps_done: 0,
-            captures: 0,
+            steps_done: earlier.done.len(),
+            captures: done.filter(|step| step.action.kind() == "capture").count(),
             failures: Vec::new(),
             abort_reason: None,
             lasers: Lasers::Unknown,
         };
         Self {
             around,
-            situation: Situation::default(),
+            restoration: restoration(steps, &earlier.done),
+            earlier,
+            situation,
             journal,
             pending: None,
             cause: None,
@@ -143,7 +197,8 @@ impl<'a> Runner<'a> {
 
     async fn follow_machine(&mut self, steps: &[Step]) -> SessionOutcome {
         let sections: Vec<Section> = steps.iter().map(|step| step.section).collect();
-        let mut machine = Machine::new(&sections);
+        let is_done = |i: usize| self.earlier.done.contains(&steps[i].number);
+        let mut machine = Machine::resuming(&sections, is_done);
         let mut input = Input::Begin;
         loop {
             input = match machine.next(input) {
@@ -162,11 +217,34 @@ impl<'a> Runner<'a> {
     async fn prepare(&mut self) -> Input {
         let lasers = self.secure(&Cause::SessionStart).await;
         let identified = self.identify().await;
-        if lasers == Lasers::Off && identified {
+        if lasers == Lasers::Off && identified && self.restore().await {
             return Input::Prepared;
         }
         self.cause = Some(Cause::NotPrepared);
         Input::PreparationFailed
+    }
+
+    /// Re-establishes what later steps rely on; false where that failed. An abort ends it at once:
+    /// the machine hears of it before the next step.
+    async fn restore(&mut self) -> bool {
+        // What was read before the run stopped is what the next capture refers to.
+        let known = self.situation.clone();
+        for step in std::mem::take(&mut self.restoration) {
+            let message = format!("re-established: {step}");
+            let mut acquired = Acquired::default();
+            match self.perform(&step, self.around.clock.now(), &mut acquired).await {
+                Some(Ok(())) => self.journal.note(EventKind::Resumed, message),
+                Some(Err(fault)) => {
+                    self.fail(None, &format!("re-establishing {step}"), fault.to_string());
+                    return false;
+                }
+                None => break,
+            }
+        }
+        let moving = std::mem::take(&mut self.situation.moving);
+        self.situation = known;
+        self.situation.moving = moving;
+        true
     }
 
     /// Asks every instrument who it is; true when all answered.

@@ -11,6 +11,7 @@
 //! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
 
 mod error;
+mod gaps;
 mod open;
 mod pictures;
 mod processing;

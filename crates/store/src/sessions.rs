@@ -64,6 +64,7 @@ struct HeaderColumns {
     rig_text: String,
     measurement_json: String,
     plan_hash: String,
+    origin_json: Option<String>,
     software: String,
     seed: Option<String>,
     steps: u32,
@@ -85,6 +86,7 @@ impl HeaderColumns {
             rig_text: self.rig_text,
             measurement_json: self.measurement_json,
             plan_hash: self.plan_hash,
+            origin_json: self.origin_json,
             software: self.software,
             seed: seed.map_err(|error| damaged("a session's seed", error))?,
             steps: self.steps,
@@ -156,7 +158,7 @@ impl Store {
     /// [`StoreError::NotFound`] where there is none of that id.
     pub async fn session(&self, id: SessionId) -> Result<StoredSession, StoreError> {
         let row: Option<HeaderColumns> = sqlx::query_as(
-            "SELECT title, experiment, plan_text, rig_text, measurement_json, plan_hash, software,
+            "SELECT title, experiment, plan_text, rig_text, measurement_json, plan_hash, origin_json, software,
                 seed, steps, opened_utc, opened_s, closed_utc, closed_s, outcome
              FROM sessions WHERE id = ?",
         )

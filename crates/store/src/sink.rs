@@ -2,7 +2,7 @@
 
 use async_trait::async_trait;
 use beampose_core::{
-    CaptureRecord, Event, InstrumentName, Reading, RunSink, SessionHeader, SessionId,
+    CaptureRecord, Event, Gap, InstrumentName, Reading, RunSink, SessionHeader, SessionId,
     SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome, StepRecord,
 };
 use sqlx::{Sqlite, Transaction};
@@ -17,6 +17,11 @@ impl RunSink for Store {
     async fn open(&self, header: &SessionHeader) -> Result<(), SinkError> {
         let what = format!("session {}", header.id);
         self.open_session(header).await.map_err(|error| sink_error(what, &error))
+    }
+
+    async fn reopen(&self, session: SessionId, gap: &Gap) -> Result<(), SinkError> {
+        let what = format!("that session {session} goes on");
+        self.reopen_session(session, gap).await.map_err(|error| sink_error(what, &error))
     }
 
     async fn step(&self, session: SessionId, record: &StepRecord) -> Result<(), SinkError> {
@@ -54,8 +59,8 @@ impl Store {
         let mut transaction = begin(&self.writer, doing).await?;
         sqlx::query(
             "INSERT INTO sessions (id, title, experiment, plan_text, rig_text, measurement_json,
-                plan_hash, software, seed, steps, opened_utc, opened_s)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                plan_hash, software, seed, steps, opened_utc, opened_s, origin_json)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(header.id.to_string())
         .bind(&header.title)
@@ -69,6 +74,7 @@ impl Store {
         .bind(header.steps)
         .bind(header.opened.utc.to_string())
         .bind(header.opened.monotonic.as_secs_f64())
+        .bind(&header.origin_json)
         .execute(&mut *transaction)
         .await
         .map_err(failed_to(doing))?;
@@ -131,10 +137,18 @@ impl Rows<'_> {
             StepOutcome::Failed { reason } => ("failed", Some(reason)),
             StepOutcome::Skipped => ("skipped", None),
         };
-        sqlx::query(
+        let stored = sqlx::query(
             "INSERT INTO steps (session, number, label, kind, started_utc, started_s,
                 finished_utc, finished_s, outcome, reason)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+             ON CONFLICT (session, number) DO UPDATE SET
+                label = excluded.label, kind = excluded.kind,
+                started_utc = excluded.started_utc, started_s = excluded.started_s,
+                finished_utc = excluded.finished_utc, finished_s = excluded.finished_s,
+                outcome = excluded.outcome, reason = excluded.reason
+             -- Only what is kept as an earlier attempt, and not yet done again.
+             WHERE EXISTS (SELECT 1 FROM attempts a WHERE a.session = steps.session
+                AND a.step = steps.number AND a.finished_s = steps.finished_s)",
         )
         .bind(&self.session)
         .bind(record.number.0)
@@ -149,6 +163,10 @@ impl Rows<'_> {
         .execute(&mut **self.transaction)
         .await
         .map_err(failed_to(self.doing))?;
+        if stored.rows_affected() != 1 {
+            let reason = format!("step {} of this session is stored already", record.number);
+            return Err(StoreError::Refused { doing: self.doing.to_owned(), reason });
+        }
         Ok(())
     }
 

@@ -42,13 +42,41 @@ pub async fn save_parameters(
 ) -> Result<(), StoreError> {
     let doing = "store a session's true parameters";
     let mut transaction = begin(&store.writer, doing).await?;
-    sqlx::query("INSERT INTO simulation_truth_parameters (session, truth_json) VALUES (?, ?)")
-        .bind(session.to_string())
-        .bind(truth_json)
-        .execute(&mut *transaction)
-        .await
-        .map_err(failed_to(doing))?;
+    // A session that goes on has the world it had.
+    sqlx::query(
+        "INSERT INTO simulation_truth_parameters (session, truth_json) VALUES (?, ?)
+         ON CONFLICT (session) DO NOTHING",
+    )
+    .bind(session.to_string())
+    .bind(truth_json)
+    .execute(&mut *transaction)
+    .await
+    .map_err(failed_to(doing))?;
+    let kept: String =
+        sqlx::query_scalar("SELECT truth_json FROM simulation_truth_parameters WHERE session = ?")
+            .bind(session.to_string())
+            .fetch_one(&mut *transaction)
+            .await
+            .map_err(failed_to(doing))?;
+    if kept != truth_json {
+        let reason = format!("session {session} has another world");
+        return Err(StoreError::Refused { doing: doing.to_owned(), reason });
+    }
     transaction.commit().await.map_err(failed_to(doing))
+}
+
+/// Forgets the truth of a capture that is taken again.
+pub(crate) async fn forget_capture(
+    transaction: &mut sqlx::Transaction<'static, sqlx::Sqlite>,
+    session: &str,
+    capture: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM simulation_truth WHERE session = ? AND capture = ?")
+        .bind(session)
+        .bind(capture)
+        .execute(&mut **transaction)
+        .await?;
+    Ok(())
 }
 
 /// The truth of each capture that has one, as JSON.

@@ -35,4 +35,4 @@ pub use instruments::{
     SimulatedWavemeter,
 };
 pub use truth::{DotTruth, TargetTruth, TrueCamera, TrueParameters, Truth};
-pub use world::{ImagedDot, ImagedTarget, ModuleState, World};
+pub use world::{History, ImagedDot, ImagedTarget, ModuleState, StageHistory, World};

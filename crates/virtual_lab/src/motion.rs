@@ -14,12 +14,15 @@ struct Leg {
 #[derive(Debug, Clone)]
 pub(crate) struct Motion {
     initial: f64,
+    /// Commands of an earlier run.
+    earlier: usize,
     legs: Vec<Leg>,
 }
 
 impl Motion {
-    pub(crate) fn standing_at(initial: f64) -> Self {
-        Self { initial, legs: Vec::new() }
+    /// Standing where an earlier run left it after some commands.
+    pub(crate) fn resumed(initial: f64, earlier: usize) -> Self {
+        Self { initial, earlier, legs: Vec::new() }
     }
 
     /// Where it was at a time: at rest, or on its way at constant speed.
@@ -53,7 +56,7 @@ impl Motion {
 
     /// How many times it was told to go or to stop.
     pub(crate) fn commands(&self) -> usize {
-        self.legs.len()
+        self.earlier + self.legs.len()
     }
 }
 
@@ -64,7 +67,7 @@ mod tests {
     #[test]
     fn a_stage_moves_evenly_stops_when_told_and_remembers() {
         let seconds = Duration::from_secs;
-        let mut motion = Motion::standing_at(10.0);
+        let mut motion = Motion::resumed(10.0, 0);
         assert_eq!(motion.go(seconds(5), 110.0, 10.0), seconds(15));
         assert_eq!(
             [motion.at(seconds(0)), motion.at(seconds(7)), motion.at(seconds(99))],

@@ -63,6 +63,34 @@ pub struct World {
     pub(crate) walls: Vec<Wall>,
     pub(crate) cameras: Vec<PlacedCamera>,
     live: Mutex<Live>,
+    history: History,
+}
+
+/// What an earlier run of a session did with the instruments: the numbers that choose noise go on
+/// from there, so that a run that was interrupted sees what it would have seen.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct History {
+    /// The rail.
+    pub rail: StageHistory,
+    /// The rotation stage.
+    pub rotation: StageHistory,
+    /// Readings of the wavelength meter.
+    pub wavelength_reads: u64,
+    /// Readings of the thermometer.
+    pub temperature_reads: u64,
+    /// Pictures of each camera.
+    pub triggers: BTreeMap<String, u64>,
+}
+
+/// What an earlier run did with a stage.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StageHistory {
+    /// Where it was told to stand last; `None` where it never was.
+    pub target: Option<f64>,
+    /// How often it was told to move.
+    pub moves: usize,
+    /// How often its encoder was read.
+    pub reads: u64,
 }
 
 /// A camera of the world, with what never changes in its pictures once that was rendered.
@@ -87,6 +115,15 @@ impl World {
     /// # Errors
     /// [`WorldError::Value`] for a number that makes no sense.
     pub fn new(config: WorldConfig, seed: u64) -> Result<Self, WorldError> {
+        Self::after(config, seed, History::default())
+    }
+
+    /// The same world after an earlier run: its stages stand where they were told to, its laser is
+    /// off.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn after(config: WorldConfig, seed: u64, history: History) -> Result<Self, WorldError> {
         config.check()?;
         let streams = Streams::new(seed);
         let truth = truth::draw(&config, &streams);
@@ -102,14 +139,21 @@ impl World {
                 layer: OnceLock::new(),
             })
             .collect();
-        let start = |stage: Option<f64>| Motion::standing_at(stage.unwrap_or(0.0));
+        let start = |stage: Option<f64>, earlier: &StageHistory| {
+            Motion::resumed(earlier.target.or(stage).unwrap_or(0.0), earlier.moves)
+        };
         let live = Live {
-            rail: start(config.rail.map(|r| r.stage.start)),
-            rotation: start(config.rotation.map(|r| r.stage.start)),
+            rail: start(config.rail.map(|r| r.stage.start), &history.rail),
+            rotation: start(config.rotation.map(|r| r.stage.start), &history.rotation),
             switches: Switches::default(),
         };
         let walls = config.walls.iter().map(Wall::new).collect();
-        Ok(Self { config, streams, truth, walls, cameras, live: Mutex::new(live) })
+        Ok(Self { config, streams, truth, walls, cameras, live: Mutex::new(live), history })
+    }
+
+    /// What an earlier run did.
+    pub(crate) fn history(&self) -> &History {
+        &self.history
     }
 
     /// The configuration that the world was made from.

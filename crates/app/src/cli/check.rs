@@ -7,7 +7,7 @@ use crate::calibration;
 use crate::input::checked;
 use crate::output::{Exit, print};
 use crate::settings::Overrides;
-use crate::wiring;
+use crate::wiring::{self, Before};
 
 /// Check a plan against its rig without doing anything
 ///
@@ -34,7 +34,7 @@ impl Check {
             .map_err(Ended::input)?;
         let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
         // Instruments are built, not connected: what `run` would refuse, `check` says.
-        wiring::laboratory(&checked.rig, setup).map_err(Ended::input)?;
+        wiring::laboratory(&checked.rig, setup, &Before::default()).map_err(Ended::input)?;
         let summary = &checked.summary;
         if self.json {
             let object = serde_json::json!({

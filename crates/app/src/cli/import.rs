@@ -100,6 +100,7 @@ fn header(foreign: &ForeignSession, clock: &RealClock) -> anyhow::Result<Session
         rig_text: foreign.text.clone(),
         measurement_json: serde_json::to_string(&foreign.setup)?,
         plan_hash: blake3::hash(foreign.text.as_bytes()).to_hex().to_string(),
+        origin_json: None,
         software: SOFTWARE.to_owned(),
         seed: None,
         steps: u32::try_from(foreign.captures.len())?,

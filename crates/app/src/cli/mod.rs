@@ -3,10 +3,11 @@
 mod check;
 mod export;
 mod import;
-mod report;
+pub mod report;
+mod resume;
 mod run;
 mod score;
-mod sessions;
+pub mod sessions;
 mod solve;
 
 use std::path::PathBuf;
@@ -53,6 +54,7 @@ First steps (no hardware needed):
 #[derive(Subcommand)]
 enum Command {
     Run(run::Run),
+    Resume(resume::Resume),
     Check(check::Check),
     Sessions(sessions::Sessions),
     Import(import::Import),
@@ -100,7 +102,7 @@ impl Database {
 }
 
 /// Closes the database, so that its file alone is whole. Who still holds it keeps it open.
-async fn close(store: Arc<Store>) {
+pub async fn close(store: Arc<Store>) {
     if let Ok(store) = Arc::try_unwrap(store) {
         store.close().await;
     }
@@ -154,6 +156,7 @@ pub fn main() -> ExitCode {
     let ended = match cli.command {
         Command::Check(check) => check.execute(),
         Command::Run(run) => with_runtime(run.execute()),
+        Command::Resume(resume) => with_runtime(resume.execute()),
         Command::Sessions(sessions) => with_runtime(sessions.execute()),
         Command::Import(import) => with_runtime(import.execute()),
         Command::Export(export) => with_runtime(export.execute()),
@@ -187,7 +190,7 @@ fn log(verbose: u8) {
 }
 
 /// The folder of a session's report: `--out`, else `reports/` and the session's id.
-fn report_folder(out: Option<&PathBuf>, session: beampose_core::SessionId) -> PathBuf {
+pub fn report_folder(out: Option<&PathBuf>, session: beampose_core::SessionId) -> PathBuf {
     out.cloned().unwrap_or_else(|| PathBuf::from("reports").join(session.to_string()))
 }
 

@@ -10,6 +10,8 @@ mod lab;
 mod other_pictures;
 mod plans;
 mod repeating;
+#[cfg(unix)]
+mod resuming;
 mod running;
 mod score;
 mod stopping;

@@ -8,9 +8,9 @@ use async_trait::async_trait;
 use beampose_core::instrument::AxisUnit;
 use beampose_core::units::Second;
 use beampose_core::{
-    Axis, Camera, Clock, Emission, Event, EventKind, Frame, Identity, Instrument, InstrumentError,
-    InstrumentName, Laser, Quantity, Reading, RunSink, Sensor, SessionHeader, SessionId,
-    SessionOutcome, SinkError, Stamp, StepNumber, StepRecord, VirtualClock,
+    Axis, Camera, Clock, Emission, Event, EventKind, Frame, Gap, Identity, Instrument,
+    InstrumentError, InstrumentName, Laser, Quantity, Reading, RunSink, Sensor, SessionHeader,
+    SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepRecord, VirtualClock,
 };
 use beampose_plan::{Action, Section, Step};
 
@@ -225,6 +225,11 @@ impl RunSink for Memory {
         self.fails(0)
     }
 
+    async fn reopen(&self, _: SessionId, _: &Gap) -> Result<(), SinkError> {
+        self.log.write("reopened");
+        self.fails(0)
+    }
+
     async fn step(&self, _: SessionId, record: &StepRecord) -> Result<(), SinkError> {
         self.log.write(format!("stored {}", record.number));
         self.fails(record.number.0)?;
@@ -374,6 +379,7 @@ pub fn header(steps: &[Step]) -> SessionHeader {
         rig_text: String::new(),
         measurement_json: "{}".to_owned(),
         plan_hash: String::new(),
+        origin_json: None,
         software: "test".to_owned(),
         seed: Some(1),
         steps: u32::try_from(steps.len()).unwrap(),

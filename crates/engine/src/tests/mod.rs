@@ -2,6 +2,6 @@
 
 mod acquiring;
 mod ending;
-mod fakes;
+pub(crate) mod fakes;
 mod lasers;
 mod onlookers;

@@ -41,6 +41,7 @@ fn header(id: SessionId) -> SessionHeader {
         rig_text: "version: 1 # rig".to_owned(),
         measurement_json: "{\"version\":1}".to_owned(),
         plan_hash: "00ff".to_owned(),
+        origin_json: None,
         software: "0.1.0".to_owned(),
         seed: Some(u64::MAX),
         steps: 4,

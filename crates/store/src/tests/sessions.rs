@@ -1,6 +1,8 @@
 //! What is stored of a session comes back, or is refused.
 
-use beampose_core::{EventKind, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome};
+use beampose_core::{
+    EventKind, Gap, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome, StepRecord,
+};
 
 use super::{at, event, fresh, header, p000, picture, session, step};
 use crate::{Store, StoreError};
@@ -98,7 +100,7 @@ async fn what_is_stored_is_not_overwritten() {
     let store = &fresh.store;
     let id = session(store).await;
     let again = store.step(id, &step(1, "p009", Vec::new())).await.unwrap_err();
-    assert!(again.reason.contains("UNIQUE"), "{again}");
+    assert!(again.reason.contains("step 1 of this session is stored already"), "{again}");
     let closed = RunSink::close(store, id, SessionOutcome::Error, &[], at(9)).await.unwrap_err();
     assert!(closed.reason.contains("no open session"), "{closed}");
     assert_eq!(store.session(id).await.unwrap().outcome, Some(SessionOutcome::Completed));
@@ -233,4 +235,57 @@ async fn a_missing_picture_is_detected() {
     assert_eq!(problems.len(), 3, "{problems:?}");
     assert!(problems[0].ends_with("its bytes are missing"), "{problems:?}");
     assert!(problems[2].ends_with("pictures -> blobs"), "{problems:?}");
+}
+
+#[tokio::test]
+async fn a_session_goes_on_and_keeps_what_is_done_again_as_an_earlier_attempt() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let id = SessionId::fresh();
+    store.open(&header(id)).await.unwrap();
+    let first = vec![picture("cam_a", b"first")];
+    store.step(id, &step(1, "p000", first)).await.unwrap();
+    let outcome = StepOutcome::Failed { reason: "cam_b: no answer".to_owned() };
+    let partial = vec![picture("cam_a", b"partial")];
+    let failed = StepRecord { outcome, ..step(2, "p001", partial) };
+    store.step(id, &failed).await.unwrap();
+    RunSink::close(store, id, SessionOutcome::Error, &[], at(3100)).await.unwrap();
+    let gap = Gap {
+        stopped: at(3100),
+        resumed: at(9000),
+        reason: "error".to_owned(),
+        redone: vec![StepNumber(2)],
+        restored: vec!["move rail to 100 mm".to_owned()],
+    };
+    store.reopen(id, &gap).await.unwrap();
+    assert_eq!(store.session(id).await.unwrap().outcome, None);
+    assert_eq!(store.gaps(id).await.unwrap(), [gap]);
+    // What is done stays done; what is done again may be stored once more, and only once.
+    assert!(store.step(id, &step(1, "p000", Vec::new())).await.is_err());
+    let whole = || StepRecord {
+        finished: at(9500),
+        ..step(2, "p001", vec![picture("cam_a", b"again"), picture("cam_b", b"other")])
+    };
+    store.step(id, &whole()).await.unwrap();
+    assert!(store.step(id, &whole()).await.is_err());
+    let captures = store.captures(id).await.unwrap();
+    let pictures: Vec<usize> = captures.iter().map(|c| c.pictures.len()).collect();
+    assert_eq!(pictures, [1, 2]);
+    let steps = store.steps(id).await.unwrap();
+    assert!(steps.iter().all(|step| step.outcome == StepOutcome::Done));
+    // The picture of the earlier attempt is still there, by the name in its record.
+    let kept: String = sqlx::query_scalar(
+        "SELECT json_extract(capture_json, '$.pictures[0].blake3') FROM attempts WHERE step = 2",
+    )
+    .fetch_one(&store.readers)
+    .await
+    .unwrap();
+    assert_eq!(kept, blake3::hash(b"partial").to_hex().as_str());
+    let blobs: i64 = sqlx::query_scalar("SELECT count(*) FROM blobs WHERE blake3 = ?")
+        .bind(kept)
+        .fetch_one(&store.readers)
+        .await
+        .unwrap();
+    assert_eq!(blobs, 1);
+    assert_eq!(store.verify(id).await.unwrap().problems, Vec::<String>::new());
 }

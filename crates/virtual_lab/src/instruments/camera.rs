@@ -30,23 +30,10 @@ impl SimulatedCamera {
     /// # Errors
     /// [`WorldError::UnknownCamera`].
     pub fn new(world: Arc<World>, clock: Arc<dyn Clock>, name: &str) -> Result<Self, WorldError> {
-        Self::resumed(world, clock, name, 0)
-    }
-
-    /// As [`SimulatedCamera::new`], after `triggers` pictures of an earlier run of the session: the
-    /// next picture has the noise that it would have had without the interruption.
-    ///
-    /// # Errors
-    /// [`WorldError::UnknownCamera`].
-    pub fn resumed(
-        world: Arc<World>,
-        clock: Arc<dyn Clock>,
-        name: &str,
-        triggers: u64,
-    ) -> Result<Self, WorldError> {
         let unknown = || WorldError::UnknownCamera(name.to_owned());
         let config = *world.config.cameras.get(name).ok_or_else(unknown)?;
-        let triggers = AtomicU64::new(triggers);
+        let earlier = world.history().triggers.get(name).copied();
+        let triggers = AtomicU64::new(earlier.unwrap_or(0));
         Ok(Self { world, clock, name: name.to_owned(), config, triggers })
     }
 

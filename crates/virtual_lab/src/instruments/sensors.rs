@@ -31,7 +31,8 @@ impl SimulatedWavemeter {
     /// The world's wavelength meter.
     #[must_use]
     pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Self {
-        Self { world, clock, reads: AtomicU64::new(0) }
+        let reads = AtomicU64::new(world.history().wavelength_reads);
+        Self { world, clock, reads }
     }
 }
 
@@ -39,7 +40,8 @@ impl SimulatedThermometer {
     /// The world's thermometer.
     #[must_use]
     pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Self {
-        Self { world, clock, reads: AtomicU64::new(0) }
+        let reads = AtomicU64::new(world.history().temperature_reads);
+        Self { world, clock, reads }
     }
 }
 

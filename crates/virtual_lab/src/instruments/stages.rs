@@ -119,7 +119,7 @@ macro_rules! stage {
             /// [`WorldError::NoStage`] where the world has none.
             pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Result<Self, WorldError> {
                 let config = world.config.$field.ok_or(WorldError::NoStage($called))?.stage;
-                let reads = AtomicU64::new(0);
+                let reads = AtomicU64::new(world.history().$field.reads);
                 Ok(Self(Stage { world, clock, config, kind: Kind::$kind, reads }))
             }
         }

@@ -7,6 +7,7 @@ use beampose_core::{
 };
 
 use super::{clean, small};
+use crate::History;
 use crate::config::RotationConfig;
 use crate::{
     SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation, SimulatedThermometer,
@@ -118,9 +119,14 @@ fn a_resumed_camera_goes_on_with_the_next_picture() {
         capture(&first).await;
         capture(&first).await
     });
+    let history = History {
+        triggers: first.world.config().cameras.keys().map(|name| (name.clone(), 1)).collect(),
+        ..History::default()
+    };
+    let world = Arc::new(World::after(small(), 11, history).unwrap());
     let again = bench(small());
     let clock: Arc<dyn Clock> = Arc::new(again.clock.clone());
-    let camera = SimulatedCamera::resumed(again.world.clone(), clock, "cam_a", 1).unwrap();
+    let camera = SimulatedCamera::new(world, clock, "cam_a").unwrap();
     let frame = run(&again.clock, async { camera.trigger().await.unwrap() });
     assert!(frame.bytes == frames[0].bytes);
 }

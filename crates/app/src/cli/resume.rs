@@ -1,0 +1,245 @@
+//! `beampose resume`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use beampose_core::{Gap, SessionOutcome, Stamp, StepNumber, StepOutcome};
+use beampose_engine::{Earlier, restoration};
+use beampose_plan::{Action, Section, Step};
+use beampose_store::{Store, StoredSession, StoredStep};
+use beampose_virtual_lab::{History, StageHistory};
+
+use super::{Database, Ended, close, find};
+use crate::calibration;
+use crate::conduct::{Session, Shown};
+use crate::input::{Checked, Origin, checked};
+use crate::output::{Exit, complain};
+use crate::pipeline::SOFTWARE;
+use crate::wiring::{self, Before};
+
+/// Go on with a session that was stopped or died
+///
+/// Goes on at the first step that is not done. Before that it says what it re-establishes: stages
+/// back where they were, the laser on again and settled as the plan let it settle. `finally` runs
+/// as after an uninterrupted run. Plan, rig and software must be those of the session; what differs
+/// is listed, and needs --accept-changes.
+#[derive(clap::Args)]
+pub struct Resume {
+    /// Which session: an id, a unique beginning of one, or `latest`
+    #[arg(default_value = "latest")]
+    session: String,
+    /// The plan, where its file moved since
+    #[arg(long, value_name = "FILE")]
+    plan: Option<PathBuf>,
+    /// The rig, where its file moved since
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
+    /// Go on although plan, rig or software changed
+    #[arg(long)]
+    accept_changes: bool,
+    #[command(flatten)]
+    shown: Shown,
+    #[command(flatten)]
+    database: Database,
+}
+
+impl Resume {
+    pub async fn execute(self) -> Result<Exit, Ended> {
+        let store = self.database.open_existing().await?;
+        let id = find(&store, &self.session).await?;
+        let stored = store.session(id).await?;
+        let steps = store.steps(id).await?;
+        let origin = self.origin(&stored)?;
+        let checked =
+            checked(&origin.plan, Some(&origin.rig), &origin.overrides).map_err(Ended::input)?;
+        let done = done_steps(&checked.summary.steps, &steps);
+        if stored.outcome == Some(SessionOutcome::Completed) {
+            close(store).await;
+            return Err(Ended::input(format!("session {id} is complete: nothing to resume")));
+        }
+        self.refuse_changes(&stored, &checked, &steps, &done)?;
+        let session = prepare(&store, stored, steps, checked, done).await?;
+        if let Some((_, gap)) = &session.earlier {
+            tell(&session, gap);
+        }
+        session.conduct(store, &self.shown).await
+    }
+
+    fn origin(&self, stored: &StoredSession) -> Result<Origin, Ended> {
+        let id = stored.header.id;
+        let json = stored.header.origin_json.as_deref().ok_or_else(|| {
+            Ended::input(format!("session {id} was imported, not run: nothing to resume"))
+        })?;
+        let mut origin: Origin = serde_json::from_str(json)?;
+        for (named, path, option) in
+            [(&self.plan, &mut origin.plan, "--plan"), (&self.rig, &mut origin.rig, "--rig")]
+        {
+            if let Some(named) = named {
+                path.clone_from(named);
+            }
+            if !path.is_file() {
+                return Err(Ended::input(format!(
+                    "{}: this file of the session is gone\n  help: {option} names another; \
+                     `beampose sessions {id}` shows its text",
+                    path.display()
+                )));
+            }
+        }
+        Ok(origin)
+    }
+
+    fn refuse_changes(
+        &self,
+        stored: &StoredSession,
+        checked: &Checked,
+        steps: &[StoredStep],
+        done: &BTreeSet<StepNumber>,
+    ) -> Result<(), Ended> {
+        let header = &stored.header;
+        let mut changes = Vec::new();
+        if header.plan_hash != checked.summary.plan_hash {
+            changes.push("the plan's steps".to_owned());
+        } else if header.plan_text != checked.plan.source.text() {
+            changes.push("the plan's text (its steps are the same)".to_owned());
+        }
+        if header.rig_text != checked.rig.source.text() {
+            changes.push("the rig's text".to_owned());
+        }
+        if header.software != SOFTWARE {
+            changes.push(format!("the program: it was {}, this is {SOFTWARE}", header.software));
+        }
+        let by_number: BTreeMap<StepNumber, &Step> =
+            checked.summary.steps.iter().map(|step| (step.number, step)).collect();
+        for step in steps.iter().filter(|step| done.contains(&step.number)) {
+            let now = by_number.get(&step.number).map(ToString::to_string);
+            if now.as_deref() != Some(step.label.as_str()) {
+                return Err(Ended::input(format!(
+                    "step {} is done as {:?}, the plan now says {:?}: such a session cannot go on\n  \
+                     help: run the changed plan as a session of its own",
+                    step.number,
+                    step.label,
+                    now.unwrap_or_else(|| "nothing".to_owned())
+                )));
+            }
+        }
+        if changes.is_empty() || self.accept_changes {
+            changes.iter().for_each(|change| complain(&format!("changed since: {change}")));
+            return Ok(());
+        }
+        Err(Ended::input(format!(
+            "since session {} began, these changed:\n  {}\n  help: --accept-changes goes on all the same",
+            header.id,
+            changes.join("\n  ")
+        )))
+    }
+}
+
+/// The main steps that are done and stored.
+fn done_steps(steps: &[Step], stored: &[StoredStep]) -> BTreeSet<StepNumber> {
+    let main = steps.iter().filter(|step| step.section == Section::Main).map(|step| step.number);
+    let main: BTreeSet<StepNumber> = main.collect();
+    let done = stored.iter().filter(|step| step.outcome == StepOutcome::Done);
+    done.map(|step| step.number).filter(|number| main.contains(number)).collect()
+}
+
+async fn prepare(
+    store: &Store,
+    stored: StoredSession,
+    steps: Vec<StoredStep>,
+    checked: Checked,
+    done: BTreeSet<StepNumber>,
+) -> Result<Session, Ended> {
+    let id = stored.header.id;
+    let mut earlier = Earlier { done, ..Earlier::default() };
+    for row in store.readings(id).await? {
+        if earlier.done.contains(&row.step) {
+            let of_step = earlier.readings.entry(row.step).or_default();
+            of_step.push((row.instrument, row.reading));
+        }
+    }
+    let captures = store.captures(id).await?;
+    let captures: Vec<_> =
+        captures.into_iter().filter(|c| earlier.done.contains(&c.step)).collect();
+    let restored = restoration(&checked.summary.steps, &earlier.done);
+    let mut history = history(&checked, &earlier, &restored);
+    for picture in captures.iter().flat_map(|c| &c.pictures) {
+        *history.triggers.entry(picture.camera.as_str().to_owned()).or_default() += 1;
+    }
+    let stopped = last_known(&stored, &steps);
+    let before = Before { times: Some((stored.header.opened, stopped)), history };
+    let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
+    let laboratory = wiring::laboratory(&checked.rig, setup, &before).map_err(Ended::input)?;
+    let gap = Gap {
+        stopped,
+        resumed: laboratory.clock.shared().now(),
+        reason: stored.outcome.map_or("the program died", |o| o.as_str()).to_owned(),
+        redone: steps.iter().map(|s| s.number).filter(|n| !earlier.done.contains(n)).collect(),
+        restored: restored.iter().map(ToString::to_string).collect(),
+    };
+    let captures = captures.into_iter().map(|capture| capture.id).collect();
+    let header = stored.header;
+    Ok(Session { checked, laboratory, header, earlier: Some((earlier, gap)), captures })
+}
+
+/// When the last thing that is known of a session happened.
+fn last_known(stored: &StoredSession, steps: &[StoredStep]) -> Stamp {
+    let finished = steps.iter().map(|step| step.finished).chain(stored.closed);
+    finished.max_by_key(|stamp| stamp.monotonic).unwrap_or(stored.header.opened)
+}
+
+/// What the simulated world lived through, as far as steps are done. A move that is repeated counts
+/// as not yet made: it then ends where it ended.
+fn history(checked: &Checked, earlier: &Earlier, restored: &[Step]) -> History {
+    let mut history = History::default();
+    let simulation = checked.rig.simulation.as_ref();
+    let rail = simulation.map(|s| s.module.axis.value.as_str().to_owned());
+    let turntable = simulation
+        .and_then(|s| s.module.turntable.as_ref())
+        .map(|turntable| turntable.axis.value.as_str().to_owned());
+    let stage = |history: &mut History, axis: &str, change: &dyn Fn(&mut StageHistory)| {
+        if Some(axis) == rail.as_deref() {
+            change(&mut history.rail);
+        } else if Some(axis) == turntable.as_deref() {
+            change(&mut history.rotation);
+        }
+    };
+    for step in checked.summary.steps.iter().filter(|s| earlier.done.contains(&s.number)) {
+        if let Action::Move { axis, target, .. } = &step.action {
+            stage(&mut history, axis.as_str(), &|stage| {
+                stage.moves += 1;
+                stage.target = Some(*target);
+            });
+        }
+        for (name, reading) in earlier.readings.get(&step.number).into_iter().flatten() {
+            match reading.quantity {
+                beampose_core::Quantity::Wavelength => history.wavelength_reads += 1,
+                beampose_core::Quantity::Temperature => history.temperature_reads += 1,
+                _ => stage(&mut history, name.as_str(), &|stage| stage.reads += 1),
+            }
+        }
+    }
+    for step in restored {
+        if let Action::Move { axis, .. } = &step.action {
+            stage(&mut history, axis.as_str(), &|stage| {
+                stage.moves = stage.moves.saturating_sub(1);
+                stage.reads = stage.reads.saturating_sub(1);
+            });
+        }
+    }
+    history
+}
+
+/// Says what comes before anything moves.
+fn tell(session: &Session, gap: &Gap) {
+    let steps = &session.checked.summary.steps;
+    let next = steps.iter().find(|step| {
+        session.earlier.as_ref().is_some_and(|(earlier, _)| !earlier.done.contains(&step.number))
+    });
+    complain(&format!("session {}: {} at {}", session.header.id, gap.reason, gap.stopped.utc));
+    for restored in &gap.restored {
+        complain(&format!("  first again: {restored}"));
+    }
+    if let Some(next) = next {
+        complain(&format!("  then on with step {}: {next}", next.number));
+    }
+}

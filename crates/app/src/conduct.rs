@@ -1,0 +1,307 @@
+//! A session from its first step (or the first that is left) to its report: the engine, beside it
+//! the solving of captures, then analysis and report.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use beampose_analysis::{ReportInput, TranslationResult};
+use beampose_core::{CaptureId, Gap, SessionHeader, SessionId, SessionOutcome};
+use beampose_engine::{AbortHandle, Earlier, EngineError, Observers, RunSummary, Surroundings};
+use beampose_photogrammetry::solve::Method;
+use beampose_store::{Store, StoredCapture};
+use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
+
+use crate::cli::report::exit_of;
+use crate::cli::sessions::plain_table;
+use crate::cli::{Ended, close};
+use crate::input::Checked;
+use crate::output::{Exit, complain, print};
+use crate::pipeline::{Pipeline, adjust_session};
+use crate::progress::Progress;
+use crate::session_report::{input, load, method_of, prepare, write};
+use crate::truth;
+use crate::wiring::Laboratory;
+
+/// A session about to run.
+pub struct Session {
+    /// Its plan and rig.
+    pub checked: Checked,
+    /// Its instruments.
+    pub laboratory: Laboratory,
+    /// What the store knows of it.
+    pub header: SessionHeader,
+    /// What an earlier run did, and the gap since; `None` where it begins now.
+    pub earlier: Option<(Earlier, Gap)>,
+    /// Captures of the earlier run.
+    pub captures: Vec<CaptureId>,
+}
+
+/// How it is shown.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Shown {
+    /// Where to write the report [default: reports/SESSION]
+    #[arg(long, value_name = "FOLDER")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON object instead of the table: session, outcome, verdict, report
+    #[arg(long)]
+    pub json: bool,
+    /// No progress bar
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl Shown {
+    /// The folder of a session's report: `--out`, else `reports/` and the session's id.
+    ///
+    /// # Errors
+    /// When a file is in its place: better now than after an hour.
+    pub fn folder(&self, session: SessionId) -> Result<PathBuf, Ended> {
+        let folder = crate::cli::report_folder(self.out.as_ref(), session);
+        if folder.exists() && !folder.is_dir() {
+            return Err(Ended::input(format!("{} is a file, not a folder", folder.display())));
+        }
+        Ok(folder)
+    }
+}
+
+impl Session {
+    /// Runs it to its end; the exit code is that of its verdict.
+    ///
+    /// # Errors
+    /// When an instrument, the store or the program fails.
+    pub async fn conduct(self, store: Arc<Store>, shown: &Shown) -> Result<Exit, Ended> {
+        let folder = shown.folder(self.header.id)?;
+        prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
+        let session = self.header.id;
+        let plan = &self.checked.plan;
+        let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
+        let progress = Progress::new(
+            self.checked.summary.steps.len() as u64,
+            self.checked.summary.captures as u64,
+            !shown.quiet && !shown.json,
+        );
+        let abort = AbortHandle::new();
+        tokio::spawn(listen(abort.clone()));
+
+        let (captured, to_solve) = unbounded_channel();
+        let (triggered, to_note) = unbounded_channel();
+        for id in &self.captures {
+            // Solved again with those to come: one processing holds them all.
+            let _gone = captured.send(id.clone());
+        }
+        let observers = Observers::none().display(progress.clone()).on_capture(move |capture| {
+            // A receiver that is gone has told its own error.
+            let at = capture.pictures.first().map(|p| p.requested);
+            let _gone = captured.send(capture.id.clone());
+            let _gone = at.map(|at| triggered.send((capture.id, at)));
+        });
+        let solving = tokio::spawn(solve_captures(
+            store.clone(),
+            session,
+            Arc::new(self.laboratory.setup.clone()),
+            methods,
+            to_solve,
+            progress.clone(),
+        ));
+        let recording = self.laboratory.world.clone().map(|world| {
+            let store = store.clone();
+            tokio::spawn(async move { truth::record(&store, session, &world, to_note).await })
+        });
+
+        let ended = self.engine(&store, observers, &abort).await;
+        let solved = solving.await?;
+        let recorded = match recording {
+            Some(recording) => recording.await?,
+            None => Ok(()),
+        };
+        progress.finish();
+        // The run's own failure is said first: the others may follow from it.
+        let summary = ended?;
+        solved?;
+        recorded?;
+        if plan.methods.contains(&beampose_plan::Method::SessionAdjustment)
+            && let Err(error) = adjust_session(&store, session).await
+        {
+            // The captures' own results stand.
+            complain(&format!("beampose: no session adjustment: {error:#}"));
+        }
+        let exit = conclude(&store, &summary, &folder, shown).await?;
+        close(store).await;
+        Ok(exit)
+    }
+
+    /// Runs the steps on the laboratory's clock.
+    async fn engine(
+        &self,
+        store: &Arc<Store>,
+        observers: Observers,
+        abort: &AbortHandle,
+    ) -> Result<RunSummary, EngineError> {
+        let clock = self.laboratory.clock.shared();
+        let around = Surroundings {
+            bench: &self.laboratory.bench,
+            sink: &**store,
+            observers: &observers,
+            clock: &*clock,
+            abort,
+        };
+        let (steps, header) = (&self.checked.summary.steps, &self.header);
+        let drive = &self.laboratory.clock;
+        let ended = match &self.earlier {
+            None => drive.drive(Box::pin(beampose_engine::run(steps, header, &around))).await,
+            Some((earlier, gap)) => {
+                let resumed = beampose_engine::resume(steps, header, earlier.clone(), gap, &around);
+                drive.drive(Box::pin(resumed)).await
+            }
+        };
+        observers.finish(Duration::from_secs(2));
+        ended
+    }
+}
+
+/// Analysis, report, last words.
+async fn conclude(
+    store: &Store,
+    summary: &RunSummary,
+    folder: &std::path::Path,
+    shown: &Shown,
+) -> Result<Exit, Ended> {
+    let id = summary.session;
+    for failure in &summary.failures {
+        complain(&format!("{}: {}", failure.doing, failure.reason));
+    }
+    let loaded = load(store, id).await?;
+    let input = input(store, &loaded).await?;
+    let written = write(&input, folder)?;
+    if let Some(result) = &input.translation {
+        store
+            .save_result(&beampose_store::ResultRow {
+                processing: loaded.processing.id,
+                created: jiff::Timestamp::now(),
+                result_json: serde_json::to_string(result)?,
+            })
+            .await?;
+    }
+    if shown.json {
+        print(
+            &serde_json::json!({
+                "session": id.to_string(),
+                "outcome": summary.outcome.as_str(),
+                "verdict": input.verdict.as_str(),
+                "captures": summary.captures,
+                "report": written.html.display().to_string(),
+            })
+            .to_string(),
+        );
+    } else {
+        print(&last_words(summary, &input));
+        print(&format!("report   {}", written.html.display()));
+    }
+    Ok(match summary.outcome {
+        SessionOutcome::Completed => exit_of(input.verdict),
+        SessionOutcome::Aborted => Exit::Aborted,
+        SessionOutcome::Error => Exit::Failed,
+    })
+}
+
+/// Solves captures as they are stored. They are read back from the store, so that memory does not
+/// grow when the run is faster than the solver.
+async fn solve_captures(
+    store: Arc<Store>,
+    session: SessionId,
+    setup: Arc<beampose_photogrammetry::Setup>,
+    methods: Vec<Method>,
+    mut captured: UnboundedReceiver<CaptureId>,
+    progress: Progress,
+) -> anyhow::Result<()> {
+    let mut pipeline: Option<Pipeline> = None;
+    while let Some(id) = captured.recv().await {
+        let pipeline = match &mut pipeline {
+            Some(pipeline) => pipeline,
+            None => pipeline
+                .insert(Pipeline::begin(store.clone(), session, setup.clone(), &methods).await?),
+        };
+        let stored = store.captures(session).await?;
+        let capture: Option<&StoredCapture> = stored.iter().find(|c| c.id == id);
+        if let Some(capture) = capture {
+            progress.solved(&pipeline.solve(capture).await?);
+        }
+    }
+    // A session without captures has a processing all the same: the report says what there is.
+    match pipeline {
+        Some(pipeline) => pipeline.finish().await,
+        None => Pipeline::begin(store, session, setup, &methods).await?.finish().await,
+    }
+}
+
+/// Turns signals into the wish to stop.
+async fn listen(abort: AbortHandle) {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        let (Ok(mut term), Ok(mut hangup)) =
+            (signal(SignalKind::terminate()), signal(SignalKind::hangup()))
+        else {
+            complain("beampose: signals cannot be caught; only Ctrl-C stops the run tidily");
+            return;
+        };
+        loop {
+            let reason = tokio::select! {
+                _ = tokio::signal::ctrl_c() => "Ctrl-C",
+                _ = term.recv() => "SIGTERM",
+                _ = hangup.recv() => "SIGHUP",
+            };
+            if abort.reason().is_some() {
+                complain("beampose: already stopping: laser off first, then `finally`");
+            }
+            abort.request(reason);
+        }
+    }
+    #[cfg(not(unix))]
+    if tokio::signal::ctrl_c().await.is_ok() {
+        abort.request("Ctrl-C");
+    }
+}
+
+fn last_words(summary: &RunSummary, input: &ReportInput) -> String {
+    let mut lines = vec![
+        format!("session  {} ({})", summary.session, summary.outcome.as_str()),
+        format!("verdict  {}", input.verdict.as_str()),
+    ];
+    lines.extend(input.reasons.iter().map(|r| format!("         {r}")));
+    if let Some(result) = &input.translation {
+        lines.push(positions(result));
+    }
+    lines.join("\n")
+}
+
+fn positions(result: &TranslationResult) -> String {
+    let mut table = plain_table();
+    let mut header = vec!["rail mm".to_owned()];
+    for method in result.methods.keys() {
+        header.push(format!("{} mm", method.name()));
+        header.push("U (k = 2)".to_owned());
+    }
+    table.set_header(header);
+    let Some(first) = result.methods.values().max_by_key(|m| m.positions.len()) else {
+        return String::new();
+    };
+    for stop in &first.positions {
+        let mut row = vec![format!("{:.0}", stop.rail_mm)];
+        for method in result.methods.values() {
+            let same = |p: &&beampose_analysis::translation::PositionResult| {
+                (p.rail_mm - stop.rail_mm).abs() < 1e-3
+            };
+            match method.positions.iter().find(same) {
+                Some(p) => {
+                    row.push(format!("{:+.3}", p.mean_difference_mm));
+                    row.push(format!("{:.3}", p.expanded_uncertainty_mm));
+                }
+                None => row.extend(["none".to_owned(), String::new()]),
+            }
+        }
+        table.add_row(row);
+    }
+    table.to_string()
+}

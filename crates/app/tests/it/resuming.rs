@@ -1,0 +1,243 @@
+//! Killed or stopped anywhere, a session goes on and ends as if nothing had been.
+
+use std::collections::BTreeMap;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::lab::{Ended, Lab, plan, replaced, rig};
+
+/// The default rig in a world that does not drift: no diode warms, no room does. What is measured
+/// at one place is then the same at any time.
+fn steady_rig() -> String {
+    let text = std::fs::read_to_string(rig()).unwrap();
+    let text = replaced(&text, "rise: 1.02 K", "rise: 0 K");
+    replaced(&text, "drift_per_hour: 0.2 K", "drift_per_hour: 0 K")
+}
+
+/// A folder with a plan and the steady rig.
+fn steady_lab(plan: &str) -> Lab {
+    let lab = Lab::new();
+    lab.write("plan.yaml", plan);
+    lab.write("rigs/steady.yaml", &steady_rig());
+    let from = std::path::PathBuf::from(rig());
+    let folder = from.parent().unwrap().join("simulated");
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = format!("rigs/simulated/{}", path.file_name().unwrap().to_str().unwrap());
+        lab.write(&name, &std::fs::read_to_string(path).unwrap());
+    }
+    lab
+}
+
+fn run_arguments(scale: &str) -> Vec<&str> {
+    vec![
+        "run",
+        "plan.yaml",
+        "--rig",
+        "rigs/steady.yaml",
+        "--picture-scale",
+        scale,
+        "--json",
+        "--out",
+        "report",
+    ]
+}
+
+/// Twelve captures with tiny pictures that nobody solves: a run takes a fraction of a second.
+fn quick_plan() -> String {
+    let text = plan(3, 300, 100);
+    let (steps, rest) = text.split_once("\nsolve:").unwrap();
+    assert!(rest.contains("analyse"));
+    replaced(steps, "experiment: translation", "experiment: acquisition")
+}
+
+/// Starts the program and kills it after a while; true if it had not ended by itself.
+fn killed(lab: &Lab, arguments: &[&str], after: Duration) -> bool {
+    let mut command = lab.command();
+    command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let end = Instant::now() + after;
+    while Instant::now() < end {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // SIGKILL: nothing of the program runs after this.
+    child.kill().unwrap();
+    child.wait().unwrap();
+    true
+}
+
+/// Everything acquired: setpoints, readings and hashes of the pictures of each capture; and of
+/// steps their labels and outcomes.
+fn acquired(lab: &Lab) -> (BTreeMap<String, String>, Vec<String>) {
+    lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        let mut captures = BTreeMap::new();
+        for capture in store.captures(id).await.unwrap() {
+            let pictures: Vec<_> =
+                capture.pictures.iter().map(|p| (p.camera.to_string(), p.blake3.clone())).collect();
+            let all = format!("{:?} {:?} {pictures:?}", capture.setpoints, capture.readings);
+            captures.insert(capture.id.to_string(), all);
+        }
+        let steps = store.steps(id).await.unwrap();
+        let steps = steps.iter().map(|s| format!("{} {} {:?}", s.number, s.label, s.outcome));
+        (captures, steps.collect())
+    })
+}
+
+/// Goes on until the session is complete; how often it took.
+#[track_caller]
+fn resume_to_the_end(lab: &Lab) -> Ended {
+    lab.beampose(&["resume", "latest", "--json", "--out", "report"]).expect_code(0)
+}
+
+fn has_session(lab: &Lab) -> bool {
+    let listed = lab.beampose(&["sessions", "--json"]);
+    listed.code == 0 && !listed.out.is_empty()
+}
+
+/// How often the program is killed; `BEAMPOSE_KILLS` says otherwise.
+fn kills() -> u32 {
+    std::env::var("BEAMPOSE_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(40)
+}
+
+#[test]
+fn a_run_killed_at_any_instant_goes_on_and_ends_as_if_nothing_had_been() {
+    let whole = steady_lab(&quick_plan());
+    let begin = Instant::now();
+    whole.beampose(&run_arguments("0.1")).expect_code(0);
+    let length = begin.elapsed();
+    let expected = acquired(&whole);
+    assert_eq!(expected.0.len(), 12);
+    let (mut resumed, mut gaps) = (0, 0);
+    for kill in 0..kills() {
+        let lab = steady_lab(&quick_plan());
+        let after = length.mul_f64((f64::from(kill) + 0.5) / f64::from(kills()));
+        if !killed(&lab, &run_arguments("0.1"), after) || !has_session(&lab) {
+            continue;
+        }
+        let listed = lab.beampose(&["sessions", "latest", "--json"]).json();
+        if listed["outcome"] == "completed" {
+            continue;
+        }
+        resume_to_the_end(&lab);
+        resumed += 1;
+        assert_eq!(acquired(&lab), expected, "killed after {after:?}");
+        let sound = lab.beampose(&["sessions", "latest", "--verify"]).expect_code(0).out;
+        assert!(sound.starts_with("36 pictures"), "{sound}");
+        gaps += lab.with_store("beampose.db", async |store| {
+            let id = store.find_session("latest").await.unwrap();
+            store.gaps(id).await.unwrap().len()
+        });
+    }
+    println!("{resumed} of {} kills met a session under way", kills());
+    assert_eq!(gaps, resumed);
+    assert!(resumed >= kills() as usize / 4, "{resumed}");
+}
+
+#[test]
+fn a_session_killed_again_and_again_still_ends_alike() {
+    let whole = steady_lab(&quick_plan());
+    let begin = Instant::now();
+    whole.beampose(&run_arguments("0.1")).expect_code(0);
+    let length = begin.elapsed();
+    let lab = steady_lab(&quick_plan());
+    killed(&lab, &run_arguments("0.1"), length.mul_f64(0.4));
+    let mut count = 1;
+    while count < 20 {
+        let part = 0.15 + 0.03 * f64::from(count % 7);
+        if !killed(&lab, &["resume", "--json", "--out", "report"], length.mul_f64(part)) {
+            break;
+        }
+        count += 1;
+    }
+    let shown = lab.beampose(&["sessions", "latest", "--json"]).json();
+    if shown["outcome"] != "completed" {
+        resume_to_the_end(&lab);
+    }
+    println!("killed {count} times");
+    assert_eq!(acquired(&lab), acquired(&whole));
+}
+
+/// The poses of the last processing, all digits.
+fn poses(lab: &Lab) -> Vec<Value> {
+    let report = std::fs::read_to_string(lab.path("report/report.json")).unwrap();
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let methods = report["methods"].as_object().unwrap();
+    methods.values().map(|method| method["positions"].clone()).collect()
+}
+
+#[test]
+fn poses_and_results_of_a_resumed_session_are_those_of_an_uninterrupted_one() {
+    let plan = plan(1, 300, 100);
+    let whole = steady_lab(&plan);
+    let begin = Instant::now();
+    whole.beampose(&run_arguments("0.5")).expect_code(0);
+    let length = begin.elapsed();
+    let lab = steady_lab(&plan);
+    let mut part = 0.3;
+    while !killed(&lab, &run_arguments("0.5"), length.mul_f64(part)) || !has_session(&lab) {
+        part += 0.1;
+        assert!(part < 1.0);
+    }
+    let ended = resume_to_the_end(&lab);
+    assert!(ended.err.contains("the program died"), "{}", ended.err);
+    assert_eq!(ended.json_lines().pop().unwrap()["captures"], 4);
+    assert_eq!(acquired(&lab), acquired(&whole));
+    assert_eq!(poses(&lab), poses(&whole));
+}
+
+#[test]
+fn an_aborted_session_goes_on_where_it_was() {
+    let lab = steady_lab(&plan(1, 300, 100));
+    let mut command = lab.command();
+    command.args(run_arguments("0.5")).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut run = command.spawn().unwrap();
+    while !has_session(&lab) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let kill = format!("kill -TERM {}", run.id());
+    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    assert_eq!(run.wait().unwrap().code(), Some(3));
+    let ended = resume_to_the_end(&lab);
+    assert!(ended.err.contains("aborted at"), "{}", ended.err);
+    let gaps = lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        store.gaps(id).await.unwrap()
+    });
+    assert_eq!(gaps.len(), 1);
+    // The laser was off in between, and `finally` is done again.
+    assert!(!gaps[0].redone.is_empty());
+    let (captures, steps) = acquired(&lab);
+    assert_eq!(captures.len(), 4);
+    assert!(steps.iter().all(|step| step.ends_with("Done")), "{steps:?}");
+}
+
+#[test]
+fn what_cannot_go_on_says_why() {
+    let lab = steady_lab(&quick_plan());
+    lab.beampose(&run_arguments("0.1")).expect_code(0);
+    let complete = lab.beampose(&["resume"]).expect_code(2);
+    assert!(complete.err.contains("is complete: nothing to resume"), "{}", complete.err);
+
+    let lab = steady_lab(&quick_plan());
+    let mut after = Duration::from_millis(100);
+    while !killed(&lab, &run_arguments("0.1"), after) || !has_session(&lab) {
+        after += Duration::from_millis(20);
+        assert!(after < Duration::from_secs(5));
+    }
+    let changed = replaced(&quick_plan(), "settle: 2 s", "settle: 3 s");
+    lab.write("plan.yaml", &changed);
+    let refused = lab.beampose(&["resume"]).expect_code(2);
+    let said = refused.err.contains("--accept-changes") || refused.err.contains("cannot go on");
+    assert!(said, "{}", refused.err);
+    lab.write("plan.yaml", &quick_plan());
+    lab.write("rigs/steady.yaml", &format!("# another word\n{}", steady_rig()));
+    let refused = lab.beampose(&["resume"]).expect_code(2);
+    assert!(refused.err.contains("the rig's text"), "{}", refused.err);
+    lab.beampose(&["resume", "--accept-changes", "--json", "--out", "report"]).expect_code(0);
+}
