@@ -9,5 +9,5 @@ mod resection;
 
 pub use angles::{AngleFit, AngleObservation, angle_gradient, fit_angles, neighbour_observations};
 pub use ray_fit::{RayFit, fit_rays};
-pub(crate) use resection::triangulate;
 pub use resection::{Station, resect};
+pub(crate) use resection::{homography, triangulate};
