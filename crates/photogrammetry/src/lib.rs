@@ -13,6 +13,7 @@ pub mod identify;
 pub mod image;
 pub mod pattern;
 pub mod pose;
+pub mod print;
 pub mod rotation;
 pub mod scene;
 pub mod solve;

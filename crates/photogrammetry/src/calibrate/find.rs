@@ -38,7 +38,7 @@ pub(super) struct Labelled {
 pub fn find_sheet(name: &str, image: &GrayImage, sheet: &Sheet) -> Result<View, String> {
     let options = options(image, sheet);
     let marks = marks(image, sheet, &options);
-    let discs = of_one_polarity(find_plain_discs(image, &options), &marks);
+    let discs = of_one_polarity(find_plain_discs(image, &options), sheet, &marks);
     let dots = in_grid(&discs);
     if dots.len() < LEAST_DOTS {
         let (discs, dots) = (discs.len(), dots.len());
@@ -73,17 +73,18 @@ fn marks(image: &GrayImage, sheet: &Sheet, options: &TargetOptions) -> Vec<Targe
 }
 
 /// The discs of the polarity that most have; what lies on a mark is the mark's.
-fn of_one_polarity(discs: Vec<PlainDisc>, marks: &[Target]) -> Vec<PlainDisc> {
+fn of_one_polarity(discs: Vec<PlainDisc>, sheet: &Sheet, marks: &[Target]) -> Vec<PlainDisc> {
     let light = discs.iter().filter(|d| d.contrast > 0.0).count();
     let is_light = 2 * light > discs.len();
     let on_mark = |d: &PlainDisc| marks.iter().any(|m| m.covers(&d.point.at, 3.2));
     let mut kept: Vec<PlainDisc> =
         discs.into_iter().filter(|d| (d.contrast > 0.0) == is_light && !on_mark(d)).collect();
     let contrast = if is_light { 1.0 } else { -1.0 };
-    kept.extend(marks.iter().map(|m| PlainDisc {
-        point: m.point,
-        semi_axes: m.semi_axes,
-        contrast,
+    kept.extend(marks.iter().map(|target| {
+        let mark = sheet.control_marks.iter().find(|m| m.code == target.code);
+        // As large as a dot in its place would be, so that it goes with its neighbours.
+        let size = mark.map_or(1.0, |m| sheet.dot_radius_mm() / m.radius_mm);
+        PlainDisc { point: target.point, semi_axes: target.semi_axes.map(|a| a * size), contrast }
     }));
     kept
 }
