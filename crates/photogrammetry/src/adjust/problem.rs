@@ -1,45 +1,140 @@
 //! The unknowns and observations of an adjustment, as plain data.
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 use crate::camera::{Camera, InteriorSigma};
 use crate::pose::Station;
 
-/// Whether a camera's interior orientation is known.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Interior {
-    /// Taken as it is.
-    Fixed,
-    /// Focal length (fx and fy together) and principal point are unknowns, with the calibration as
-    /// an observation of these standard uncertainties.
-    Prior(InteriorSigma),
+/// One number of a camera's interior orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum InteriorParameter {
+    /// Focal length, fx and fy together, pixels; its value is fx.
+    Focal,
+    /// Focal length along x, pixels.
+    FocalX,
+    /// Focal length along y, pixels.
+    FocalY,
+    /// Principal point, x, pixels.
+    PrincipalX,
+    /// Principal point, y, pixels.
+    PrincipalY,
+    /// Radial distortion, second order.
+    K1,
+    /// Radial distortion, fourth order.
+    K2,
+    /// Tangential distortion.
+    P1,
+    /// Tangential distortion.
+    P2,
+    /// Radial distortion, sixth order.
+    K3,
 }
 
-/// A camera: its pose and interior orientation are unknowns.
+impl InteriorParameter {
+    /// Adds `change` to this number of `camera`.
+    pub(super) fn add(self, camera: &mut Camera, change: f64) {
+        match self {
+            Self::Focal => {
+                camera.fx += change;
+                camera.fy += change;
+            }
+            Self::FocalX => camera.fx += change,
+            Self::FocalY => camera.fy += change,
+            Self::PrincipalX => camera.cx += change,
+            Self::PrincipalY => camera.cy += change,
+            Self::K1 => camera.k1 += change,
+            Self::K2 => camera.k2 += change,
+            Self::P1 => camera.p1 += change,
+            Self::P2 => camera.p2 += change,
+            Self::K3 => camera.k3 += change,
+        }
+    }
+
+    /// This number of `camera`.
+    #[must_use]
+    pub fn of(self, camera: &Camera) -> f64 {
+        match self {
+            Self::Focal | Self::FocalX => camera.fx,
+            Self::FocalY => camera.fy,
+            Self::PrincipalX => camera.cx,
+            Self::PrincipalY => camera.cy,
+            Self::K1 => camera.k1,
+            Self::K2 => camera.k2,
+            Self::P1 => camera.p1,
+            Self::P2 => camera.p2,
+            Self::K3 => camera.k3,
+        }
+    }
+}
+
+/// A number known beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// The value.
+    pub value: f64,
+    /// Its standard uncertainty, above zero.
+    pub sigma: f64,
+}
+
+/// An unknown of the interior orientation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InteriorUnknown {
+    /// Which number.
+    pub parameter: InteriorParameter,
+    /// What is known of it beforehand; `None` leaves it free.
+    pub prior: Option<Prior>,
+}
+
+/// An interior orientation, of one camera station or shared by many.
 #[derive(Debug, Clone, PartialEq)]
+pub struct InteriorOrientation {
+    /// Start value, then result.
+    pub camera: Camera,
+    /// Its unknowns; what is not named is taken as it is.
+    pub unknowns: Vec<InteriorUnknown>,
+}
+
+impl InteriorOrientation {
+    /// Taken as it is.
+    #[must_use]
+    pub fn fixed(camera: Camera) -> Self {
+        Self { camera, unknowns: Vec::new() }
+    }
+
+    /// These numbers unknown and nothing known of them but start values.
+    #[must_use]
+    pub fn free(camera: Camera, parameters: &[InteriorParameter]) -> Self {
+        let unknown = |parameter: &_| InteriorUnknown { parameter: *parameter, prior: None };
+        Self { camera, unknowns: parameters.iter().map(unknown).collect() }
+    }
+
+    /// Focal length (fx and fy together) and principal point unknown, with the calibration as an
+    /// observation. Numbers with no uncertainty are taken as they are.
+    #[must_use]
+    pub fn calibrated(camera: Camera, sigma: &InteriorSigma) -> Self {
+        use InteriorParameter::{Focal, PrincipalX, PrincipalY};
+        let [x, y] = sigma.principal_point_px;
+        let unknowns = [(Focal, sigma.focal_px), (PrincipalX, x), (PrincipalY, y)]
+            .into_iter()
+            .filter(|(_, sigma)| *sigma > 0.0)
+            .map(|(parameter, sigma)| {
+                let prior = Some(Prior { value: parameter.of(&camera), sigma });
+                InteriorUnknown { parameter, prior }
+            })
+            .collect();
+        Self { camera, unknowns }
+    }
+}
+
+/// A camera at a place: its pose is unknown unless it is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraStation {
     /// Pose; start value, then result.
     pub station: Station,
-    /// The calibration.
-    pub camera: Camera,
-    /// What it is worth.
-    pub interior: Interior,
-    /// Corrections to (focal length, principal point x, y), pixels; start value, then result.
-    pub correction: Vector3<f64>,
-}
-
-impl CameraStation {
-    /// The camera with its corrections applied.
-    #[must_use]
-    pub fn corrected(&self) -> Camera {
-        Camera {
-            fx: self.camera.fx + self.correction.x,
-            fy: self.camera.fy + self.correction.x,
-            cx: self.camera.cx + self.correction.y,
-            cy: self.camera.cy + self.correction.z,
-            ..self.camera
-        }
-    }
+    /// Index of its interior orientation.
+    pub interior: usize,
+    /// True where the pose is known exactly and takes no part.
+    pub is_held: bool,
 }
 
 /// The module: a camera that shines instead of seeing.
@@ -52,6 +147,13 @@ pub struct ModuleStation {
     /// What the scale is known to before (from wavelength and calibration): value and standard
     /// uncertainty. Uncertainty 0 holds it fixed.
     pub scale_prior: (f64, f64),
+}
+
+impl ModuleStation {
+    /// Six of its pose, and its scale where that is not fixed.
+    pub(super) fn unknowns(&self) -> usize {
+        if self.scale_prior.1 > 0.0 { 7 } else { 6 }
+    }
 }
 
 /// What all modules of an adjustment share, when they are one module at several places: a common
@@ -146,21 +248,38 @@ pub struct Control {
     pub sigma: f64,
 }
 
+/// A measured distance between two points: a scale bar.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScaleBar {
+    /// Indices of the points at its ends.
+    pub ends: [usize; 2],
+    /// Its length, mm.
+    pub length: f64,
+    /// Standard uncertainty of the length, mm.
+    pub sigma: f64,
+}
+
 /// An adjustment: start values and observations in, results in the same places out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Problem {
+    /// Interior orientations of the cameras.
+    pub interiors: Vec<InteriorOrientation>,
     /// Cameras.
     pub cameras: Vec<CameraStation>,
     /// Modules (virtual cameras).
     pub modules: Vec<ModuleStation>,
     /// Points, world, mm; start values, then results.
     pub points: Vec<Vector3<f64>>,
+    /// Points that are known exactly (indices): taken as they are.
+    pub held_points: Vec<usize>,
     /// Image points.
     pub images: Vec<ImageObservation>,
     /// Beams.
     pub beams: Vec<BeamObservation>,
     /// Points of known place.
     pub controls: Vec<Control>,
+    /// Measured distances between points.
+    pub scale_bars: Vec<ScaleBar>,
     /// Relative correction of the artefact's scale; start value, then result.
     pub artefact_scale: f64,
     /// Its relative standard uncertainty; 0 holds the scale fixed.
@@ -169,52 +288,17 @@ pub struct Problem {
     pub fan: SharedFan,
 }
 
-/// Where each unknown stands in the reduced normal equations.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Layout {
-    /// Per camera: first of six pose unknowns, first of three interior ones if they are unknown.
-    pub cameras: Vec<(usize, Option<usize>)>,
-    /// Per module: first of six pose unknowns, and the scale's if it is unknown.
-    pub modules: Vec<(usize, Option<usize>)>,
-    /// The artefact's scale, if it is unknown.
-    pub artefact_scale: Option<usize>,
-    /// The shared fan's scale, if it is unknown.
-    pub fan_scale: Option<usize>,
-    /// First of two unknowns for each beam of the shared fan.
-    pub fan_beams: usize,
-    /// Number of unknowns.
-    pub size: usize,
-}
+impl Problem {
+    /// The interior orientation of a camera station.
+    #[must_use]
+    pub fn interior(&self, camera: usize) -> &Camera {
+        &self.interiors[self.cameras[camera].interior].camera
+    }
 
-impl Layout {
-    pub fn of(problem: &Problem) -> Self {
-        let mut size = 0;
-        let mut take = |count: usize| {
-            size += count;
-            size - count
-        };
-        let cameras = problem
-            .cameras
-            .iter()
-            .map(|c| {
-                let pose = take(6);
-                (pose, matches!(c.interior, Interior::Prior(_)).then(|| take(3)))
-            })
-            .collect();
-        let modules = problem
-            .modules
-            .iter()
-            .map(|m| {
-                let pose = take(6);
-                (pose, (m.scale_prior.1 > 0.0).then(|| take(1)))
-            })
-            .collect();
-        let artefact_scale = (problem.artefact_scale_sigma > 0.0).then(|| take(1));
-        let fan_scale = (problem.fan.scale_sigma > 0.0).then(|| take(1));
-        let fan_beams = take(2 * problem.fan.beams.len());
-        Self { cameras, modules, artefact_scale, fan_scale, fan_beams, size }
+    /// The image of a point in a camera; `None` where it has none.
+    #[must_use]
+    pub fn image_of(&self, camera: usize, point: usize) -> Option<Vector2<f64>> {
+        let station = &self.cameras[camera].station;
+        self.interior(camera).project(&station.station_point(&self.points[point]))
     }
 }
-
-/// Rows of a Jacobian by one block of unknowns.
-pub(super) type Rows<const N: usize> = SMatrix<f64, 2, N>;

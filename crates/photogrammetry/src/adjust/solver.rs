@@ -1,31 +1,67 @@
 //! Levenberg-Marquardt on the reduced normal equations.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6};
+use nalgebra::{DVector, Vector3, Vector6};
 
 use super::covariance::Covariance;
-use super::linearise::{ByPoint, Normal, PointBlock, beam_row, image_row, normal_equations};
-use super::problem::{Interior, Layout, Problem};
+use super::datum::{Inner, defect};
+use super::layout::{Block, Layout, PointPlace};
+use super::loss::Loss;
+use super::normal::{Normal, normal_equations, scalars};
+use super::outliers::{ObservationId, test_observations};
+use super::problem::{
+    BeamObservation, CameraStation, ImageObservation, InteriorOrientation, ModuleStation, Problem,
+    SharedFan,
+};
+use super::reduce::{Step, damped_step};
+use super::rows::{Linear, Rows};
+use super::structure::{Observed, Structure};
+
+/// What fixes position, orientation and scale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Datum {
+    /// Controls, held stations and points, scale bars; a freedom that they leave is an error.
+    #[default]
+    Observed,
+    /// What they leave is fixed by inner constraints on all points (a free network). Every point
+    /// stays in the dense system: for some hundreds of points.
+    InnerConstraints,
+    /// What they leave stays where the start values put it, by the damping of the steps alone: for
+    /// networks of any size of which no covariance is asked.
+    Damped,
+}
 
 /// How to solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Most iterations, steps that were refused included.
+    /// Most iterations of one round, steps that were refused included. Default 60.
     pub max_iterations: usize,
-    /// Ends when chi squared falls by less than this part of itself.
+    /// Ends when the linear model promises to lower chi squared by less than this part of itself.
+    /// Default 1e-10: far below what noise means.
     pub relative_decrease: f64,
-    /// Observations whose residual is longer than this many of their standard deviations are left
-    /// out and the rest adjusted again; infinite keeps all.
+    /// Observations whose residual is longer than this many of its standard deviations (Baarda's
+    /// test) are left out and the rest adjusted again; infinite keeps all. Default 4.5: one in
+    /// 25,000 good ones.
     pub outlier_sigmas: f64,
+    /// How residuals count. Default least squares.
+    pub loss: Loss,
+    /// What fixes the whole.
+    pub datum: Datum,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { max_iterations: 60, relative_decrease: 1e-10, outlier_sigmas: 4.5 }
+        Self {
+            max_iterations: 60,
+            relative_decrease: 1e-10,
+            outlier_sigmas: 4.5,
+            loss: Loss::Squares,
+            datum: Datum::Observed,
+        }
     }
 }
 
 /// How an adjustment went.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Summary {
     /// Iterations, over all rounds of outlier removal.
     pub iterations: usize,
@@ -35,9 +71,9 @@ pub struct Summary {
     pub chi2: f64,
     /// Observations (priors included) minus unknowns.
     pub redundancy: usize,
-    /// Image points left out, as indices into the problem's `images` as given.
+    /// Image points left out, as indices into the problem's `images`.
     pub outlier_images: Vec<usize>,
-    /// Beams left out, as indices into the problem's `beams` as given.
+    /// Beams left out, as indices into the problem's `beams`.
     pub outlier_beams: Vec<usize>,
     /// The covariance of everything.
     pub covariance: Covariance,
@@ -70,45 +106,64 @@ pub enum AdjustError {
 /// # Errors
 /// [`AdjustError`]; the problem then holds the last estimate.
 pub fn adjust(problem: &mut Problem, options: &Options) -> Result<Summary, AdjustError> {
-    let mut images: Vec<usize> = (0..problem.images.len()).collect();
-    let mut beams: Vec<usize> = (0..problem.beams.len()).collect();
-    let all = (problem.images.clone(), problem.beams.clone());
-    let (mut iterations, mut initial) = (0, None);
-    for round in 0..ROUNDS {
-        drop_lone_rays(problem, &mut images, &mut beams);
-        let fit = iterate(problem, options)?;
-        iterations += fit.iterations;
-        let initial_chi2 = *initial.get_or_insert(fit.initial_chi2);
-        let (keep_images, keep_beams) = within(problem, options.outlier_sigmas);
-        let clean = keep_images.iter().chain(&keep_beams).all(|k| *k);
-        if clean || round + 1 == ROUNDS {
-            let summary = summarise(problem, &fit, initial_chi2, iterations, (images, beams), &all);
-            (problem.images, problem.beams) = all;
-            return Ok(summary);
-        }
-        retain(&mut images, &keep_images);
-        retain(&mut beams, &keep_beams);
-        retain(&mut problem.images, &keep_images);
-        retain(&mut problem.beams, &keep_beams);
+    let mut kept = Kept::all(problem);
+    let result = rounds(problem, options, &mut kept);
+    kept.restore(problem);
+    let (mut fit, iterations, initial_chi2) = result?;
+    // From here on observations go by the indices that the caller knows.
+    for row in &mut fit.covariance.structure.rows {
+        row.observed = match row.observed {
+            Observed::Image(i) => Observed::Image(kept.images[i]),
+            Observed::Beam(i) => Observed::Beam(kept.beams[i]),
+        };
     }
-    Err(AdjustError::NoConvergence(iterations))
+    let missing = |kept: &[usize], count: usize| {
+        (0..count).filter(|i| kept.binary_search(i).is_err()).collect()
+    };
+    Ok(Summary {
+        iterations,
+        initial_chi2,
+        chi2: fit.covariance.normal.chi2,
+        redundancy: redundancy(problem, &fit.covariance),
+        outlier_images: missing(&kept.images, problem.images.len()),
+        outlier_beams: missing(&kept.beams, problem.beams.len()),
+        covariance: fit.covariance,
+    })
 }
 
 /// Rounds of outlier removal; each at least halves the worst residual.
 const ROUNDS: usize = 12;
 
-/// Leaves out the observations of points that one ray alone observes: they say nothing.
-fn drop_lone_rays(problem: &mut Problem, images: &mut Vec<usize>, beams: &mut Vec<usize>) {
-    let mut rays = vec![0_usize; problem.points.len()];
-    problem.images.iter().for_each(|o| rays[o.point] += 1);
-    problem.beams.iter().for_each(|o| rays[o.point] += 1);
-    problem.controls.iter().for_each(|c| rays[c.point] += 2);
-    let keep_images: Vec<bool> = problem.images.iter().map(|o| rays[o.point] > 1).collect();
-    let keep_beams: Vec<bool> = problem.beams.iter().map(|o| rays[o.point] > 1).collect();
-    retain(images, &keep_images);
-    retain(beams, &keep_beams);
-    retain(&mut problem.images, &keep_images);
-    retain(&mut problem.beams, &keep_beams);
+/// Which observations take part, as indices into the problem as given.
+struct Kept {
+    images: Vec<usize>,
+    beams: Vec<usize>,
+    /// Observations as given, once some are left out.
+    given: Option<(Vec<ImageObservation>, Vec<BeamObservation>)>,
+}
+
+impl Kept {
+    fn all(problem: &Problem) -> Self {
+        Self {
+            images: (0..problem.images.len()).collect(),
+            beams: (0..problem.beams.len()).collect(),
+            given: None,
+        }
+    }
+
+    fn restore(&mut self, problem: &mut Problem) {
+        if let Some(given) = self.given.take() {
+            (problem.images, problem.beams) = given;
+        }
+    }
+
+    fn retain(&mut self, problem: &mut Problem, keep_images: &[bool], keep_beams: &[bool]) {
+        self.given.get_or_insert_with(|| (problem.images.clone(), problem.beams.clone()));
+        retain(&mut self.images, keep_images);
+        retain(&mut problem.images, keep_images);
+        retain(&mut self.beams, keep_beams);
+        retain(&mut problem.beams, keep_beams);
+    }
 }
 
 fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
@@ -116,198 +171,266 @@ fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
     items.retain(|_| *flags.next().unwrap_or(&true));
 }
 
-/// Which observations lie within the limit. Of those beyond it only the worse half goes in one
-/// round, since one gross error drags its neighbours along.
-fn within(problem: &Problem, sigmas: f64) -> (Vec<bool>, Vec<bool>) {
-    let images: Vec<f64> = problem.images.iter().map(|o| length(image_row(problem, o))).collect();
-    let beams: Vec<f64> = problem.beams.iter().map(|o| length(beam_row(problem, o))).collect();
-    let worst = images.iter().chain(&beams).copied().fold(0.0, f64::max);
-    let limit = sigmas.max(worst / 2.0);
-    let keep = |lengths: &[f64]| lengths.iter().map(|l| *l <= limit).collect();
-    (keep(&images), keep(&beams))
+fn rounds(
+    problem: &mut Problem,
+    options: &Options,
+    kept: &mut Kept,
+) -> Result<(Fit, usize, f64), AdjustError> {
+    let (mut iterations, mut initial) = (0, None);
+    for round in 1.. {
+        drop_lone_rays(problem, kept);
+        let fit = iterate(problem, options)?;
+        iterations += fit.iterations;
+        let initial_chi2 = *initial.get_or_insert(fit.initial_chi2);
+        let bad = if options.outlier_sigmas.is_finite() && round < ROUNDS {
+            outliers(problem, &fit, options.outlier_sigmas)
+        } else {
+            Vec::new()
+        };
+        if bad.is_empty() {
+            return Ok((fit, iterations, initial_chi2));
+        }
+        let mut images = vec![true; problem.images.len()];
+        let mut beams = vec![true; problem.beams.len()];
+        for observation in bad {
+            match observation {
+                ObservationId::Image(i) => images[i] = false,
+                ObservationId::Beam(i) => beams[i] = false,
+                ObservationId::Control(_) => {}
+            }
+        }
+        kept.retain(problem, &images, &beams);
+    }
+    Err(AdjustError::NoConvergence(iterations))
 }
 
-/// The length of a residual in its own standard deviations.
-fn length(row: Option<super::linearise::Row2>) -> f64 {
-    row.map_or(f64::INFINITY, |r| (r.residual.transpose() * r.information * r.residual).x.sqrt())
+/// Leaves out the observations of points that one ray alone observes: they say nothing.
+fn drop_lone_rays(problem: &mut Problem, kept: &mut Kept) {
+    let mut rays = vec![0_usize; problem.points.len()];
+    problem.images.iter().for_each(|o| rays[o.point] += 1);
+    problem.beams.iter().for_each(|o| rays[o.point] += 1);
+    problem.controls.iter().for_each(|c| rays[c.point] += 2);
+    problem.held_points.iter().for_each(|p| rays[*p] += 2);
+    if rays.iter().all(|rays| *rays != 1) {
+        return;
+    }
+    let images: Vec<bool> = problem.images.iter().map(|o| rays[o.point] > 1).collect();
+    let beams: Vec<bool> = problem.beams.iter().map(|o| rays[o.point] > 1).collect();
+    kept.retain(problem, &images, &beams);
+}
+
+/// Residuals shorter than this part of the limit, in standard deviations of their observation, are
+/// not looked at: what is as little checked as that cannot be told to be wrong.
+const WORTH_TESTING: f64 = 0.4;
+
+/// The observations that do not fit. Of those beyond the limit only the worse half goes in one
+/// round, and of a point only its worst, since one gross error drags its neighbours along.
+fn outliers(problem: &Problem, fit: &Fit, sigmas: f64) -> Vec<ObservationId> {
+    let from = WORTH_TESTING * sigmas;
+    let rows = Rows::of(problem);
+    let mut linear = Linear::new();
+    let is_long =
+        |observed| rows.linear(observed, &mut linear).is_none() || linear.square() > from * from;
+    let images = (0..problem.images.len()).map(Observed::Image);
+    if !images.chain((0..problem.beams.len()).map(Observed::Beam)).any(is_long) {
+        return Vec::new();
+    }
+    let mut tested = test_observations(problem, &fit.covariance, from);
+    tested.retain(|t| !matches!(t.observation, ObservationId::Control(_)) && t.statistic > sigmas);
+    let worst = tested.iter().map(|t| t.statistic).fold(0.0, f64::max);
+    tested.retain(|t| t.statistic >= worst / 2.0);
+    tested.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
+    let mut has_lost = vec![false; problem.points.len()];
+    let point = |observation| match observation {
+        ObservationId::Image(i) => problem.images[i].point,
+        ObservationId::Beam(i) => problem.beams[i].point,
+        ObservationId::Control(i) => problem.controls[i].point,
+    };
+    let first = |t: &&super::outliers::Tested| {
+        !std::mem::replace(&mut has_lost[point(t.observation)], true)
+    };
+    tested.iter().filter(first).map(|t| t.observation).collect()
 }
 
 struct Fit {
-    layout: Layout,
-    normal: Normal,
+    covariance: Covariance,
     initial_chi2: f64,
     iterations: usize,
-}
-
-fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, AdjustError> {
-    let layout = Layout::of(problem);
-    let by_point = ByPoint::of(problem);
-    let mut normal = normal_equations(problem, &layout, &by_point).ok_or(AdjustError::NoImage)?;
-    let initial_chi2 = normal.chi2;
-    let mut damping = 1e-6;
-    for iterations in 1..=options.max_iterations {
-        let Some(Step { common, points, gain }) = damped_step(&normal, damping) else {
-            damping = raise(damping, &normal, &layout)?;
-            continue;
-        };
-        // At the minimum rounding decides whether a step lowers the sum: the gain that the linear
-        // model promises tells that there is nothing left to win.
-        if gain <= options.relative_decrease * normal.chi2 || gain < NOTHING {
-            return Ok(Fit { layout, normal, initial_chi2, iterations });
-        }
-        let candidate = moved(problem, &layout, &common, &points);
-        match normal_equations(&candidate, &layout, &by_point) {
-            Some(next) if next.chi2 <= normal.chi2 => {
-                *problem = candidate;
-                normal = next;
-                damping = (damping * 0.1).max(1e-14);
-            }
-            _ => damping = raise(damping, &normal, &layout)?,
-        }
-    }
-    Err(AdjustError::NoConvergence(options.max_iterations))
-}
-
-fn raise(damping: f64, normal: &Normal, layout: &Layout) -> Result<f64, AdjustError> {
-    if damping < 1e10 {
-        return Ok(damping * 10.0);
-    }
-    let weak = (0..layout.size).find(|&i| normal.hessian[(i, i)] <= 0.0);
-    let what =
-        weak.map_or("no step lowers the sum of squares", |_| "an unknown has no observation");
-    Err(AdjustError::Singular(what.to_owned()))
-}
-
-/// The inverse of a point's own block; zero for a point without observations, which so takes no
-/// part. A point that is observed but not determined has none.
-pub(super) fn point_inverse(own: &Matrix3<f64>, damping: f64) -> Option<Matrix3<f64>> {
-    if *own == Matrix3::zeros() {
-        return Some(Matrix3::zeros());
-    }
-    let damped = own + Matrix3::from_diagonal(&(own.diagonal() * damping));
-    damped.cholesky().map(|c| c.inverse())
-}
-
-/// Eliminates the points: the reduced normal matrix and right side.
-pub(super) fn reduce(normal: &Normal, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let mut h = normal.hessian.clone();
-    let mut g = normal.gradient.clone();
-    for i in 0..h.nrows() {
-        h[(i, i)] *= 1.0 + damping;
-    }
-    for block in &normal.points {
-        let inverse = point_inverse(&block.own, damping)?;
-        let shift = inverse * block.gradient;
-        let scaled: Vec<(usize, Vector3<f64>)> =
-            block.coupling.iter().map(|(i, w)| (*i, inverse * w)).collect();
-        for (i, w) in &block.coupling {
-            g[*i] -= w.dot(&shift);
-            for (j, y) in &scaled {
-                h[(*j, *i)] -= w.dot(y);
-            }
-        }
-    }
-    Some((h, g))
 }
 
 /// A gain of chi squared below this is nothing, whatever chi squared is.
 const NOTHING: f64 = 1e-12;
 
-struct Step {
-    common: DVector<f64>,
-    points: Vec<Vector3<f64>>,
-    /// By how much the linear model lowers chi squared.
-    gain: f64,
+fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, AdjustError> {
+    let is_free = options.datum == Datum::InnerConstraints;
+    let layout = Layout::of(problem, is_free);
+    let structure = Structure::of(problem, &layout);
+    if options.datum == Datum::Observed
+        && let Some(defect) = defect(problem, &structure, &layout)
+    {
+        return Err(AdjustError::Singular(defect));
+    }
+    let plain = |p: &Problem, old| normal_equations(p, &layout, &structure, options.loss, old);
+    let mut normal = plain(problem, None).ok_or(AdjustError::NoImage)?;
+    let mut spare = None;
+    let constraints = |p: &Problem, normal: &mut Normal| {
+        let inner = Inner::of(p, &structure, &layout)?.weighing(&normal.common);
+        inner.add(&mut normal.common);
+        Some(inner)
+    };
+    let inner = if is_free { constraints(problem, &mut normal) } else { None };
+    let sums = |problem: &Problem, old| {
+        let mut normal = plain(problem, old)?;
+        inner.iter().for_each(|inner| inner.add(&mut normal.common));
+        Some(normal)
+    };
+    let initial_chi2 = normal.chi2;
+    let (mut damping, mut raises) = (1e-6, 0);
+    for iterations in 1..=options.max_iterations {
+        let step = damped_step(&normal, &layout, &structure, damping);
+        // At the minimum rounding decides whether a step lowers the sum: the gain that the linear
+        // model promises tells that there is nothing left to win.
+        let nothing = NOTHING.max(options.relative_decrease * normal.chi2);
+        if step.as_ref().is_some_and(|step| step.gain <= nothing) {
+            // The covariance is that of constraints at the result, not at the start.
+            let inner = match inner {
+                Some(_) => {
+                    normal = plain(problem, None).ok_or(AdjustError::NoImage)?;
+                    constraints(problem, &mut normal)
+                }
+                None => None,
+            };
+            let covariance = Covariance::of(normal, layout, structure, inner);
+            return Ok(Fit { covariance, initial_chi2, iterations });
+        }
+        let before = step.map(|step| {
+            let before = Unknowns::of(problem);
+            apply(problem, &layout, &structure, &step);
+            before
+        });
+        let next = before.as_ref().and_then(|_| sums(problem, spare.take()));
+        if let Some(next) = next.filter(|next| next.chi2 <= normal.chi2) {
+            spare = Some(std::mem::replace(&mut normal, next));
+            (damping, raises) = ((damping * 0.1).max(1e-14), 0);
+            continue;
+        }
+        before.into_iter().for_each(|before| before.put_back(problem));
+        if damping > 1e10 {
+            return Err(stuck(problem, &normal, &layout));
+        }
+        // Many refusals in a row: far away from where the linear model holds.
+        raises += 1;
+        damping *= if raises > 2 { 100.0 } else { 10.0 };
+    }
+    Err(AdjustError::NoConvergence(options.max_iterations))
 }
 
-fn damped_step(normal: &Normal, damping: f64) -> Option<Step> {
-    let (h, g) = reduce(normal, damping)?;
-    let common = h.cholesky()?.solve(&g);
-    let points = normal
+fn stuck(problem: &Problem, normal: &Normal, layout: &Layout) -> AdjustError {
+    let weak = (0..layout.border).find(|&i| normal.common.border[(i, i)] <= 0.0);
+    AdjustError::Singular(weak.map_or_else(
+        || "no step lowers the sum of squares".to_owned(),
+        |at| format!("{} has no observation", name(problem, layout, at)),
+    ))
+}
+
+/// An unknown of the border, in words.
+fn name(problem: &Problem, layout: &Layout, at: usize) -> String {
+    let within = |block: &Block| (block.at..block.at + block.len).contains(&at);
+    if let Some(i) = layout.cameras.iter().position(|b| b.as_ref().is_some_and(within)) {
+        return format!("the pose of camera {i}");
+    }
+    if let Some(i) = layout.interiors.iter().position(within) {
+        let unknown = problem.interiors[i].unknowns[at - layout.interiors[i].at];
+        return format!("{:?} of interior orientation {i}", unknown.parameter);
+    }
+    if let Some(i) = layout.modules.iter().position(within) {
+        return format!("the pose of module {i}");
+    }
+    let is_point = |p: &PointPlace| matches!(p, PointPlace::Border(b) if (*b..b + 3).contains(&at));
+    layout
         .points
         .iter()
-        .map(|block| back_substitute(block, &common, damping))
-        .collect::<Option<Vec<_>>>()?;
-    let of_points: f64 =
-        normal.points.iter().zip(&points).map(|(block, step)| block.gradient.dot(step)).sum();
-    Some(Step { gain: normal.gradient.dot(&common) + of_points, common, points })
+        .position(is_point)
+        .map_or_else(|| format!("unknown {at}"), |i| format!("point {i}"))
 }
 
-fn back_substitute(block: &PointBlock, step: &DVector<f64>, damping: f64) -> Option<Vector3<f64>> {
-    let mut right = block.gradient;
-    for (i, w) in &block.coupling {
-        right -= w * step[*i];
-    }
-    Some(point_inverse(&block.own, damping)? * right)
+/// The unknowns of a problem, to go back to.
+struct Unknowns {
+    interiors: Vec<InteriorOrientation>,
+    cameras: Vec<CameraStation>,
+    modules: Vec<ModuleStation>,
+    points: Vec<Vector3<f64>>,
+    artefact_scale: f64,
+    fan: SharedFan,
 }
 
-fn moved(
-    problem: &Problem,
-    layout: &Layout,
-    step: &DVector<f64>,
-    points: &[Vector3<f64>],
-) -> Problem {
-    let six = |at: usize| Vector6::from_fn(|i, _| step[at + i]);
-    let mut next = problem.clone();
-    for (camera, (pose, interior)) in next.cameras.iter_mut().zip(&layout.cameras) {
-        camera.station = camera.station.moved(&six(*pose));
-        if let Some(at) = interior {
-            camera.correction += Vector3::from_fn(|i, _| step[at + i]);
+impl Unknowns {
+    fn of(problem: &Problem) -> Self {
+        Self {
+            interiors: problem.interiors.clone(),
+            cameras: problem.cameras.clone(),
+            modules: problem.modules.clone(),
+            points: problem.points.clone(),
+            artefact_scale: problem.artefact_scale,
+            fan: problem.fan.clone(),
         }
     }
-    for (module, (pose, scale)) in next.modules.iter_mut().zip(&layout.modules) {
-        module.station = module.station.moved(&six(*pose));
-        if let Some(at) = scale {
-            module.scale += step[*at];
+
+    fn put_back(self, problem: &mut Problem) {
+        problem.interiors = self.interiors;
+        problem.cameras = self.cameras;
+        problem.modules = self.modules;
+        problem.points = self.points;
+        problem.artefact_scale = self.artefact_scale;
+        problem.fan = self.fan;
+    }
+}
+
+fn apply(problem: &mut Problem, layout: &Layout, structure: &Structure, step: &Step) {
+    let common = &step.common;
+    for (camera, block) in problem.cameras.iter_mut().zip(&layout.cameras) {
+        if let Some(block) = block {
+            camera.station = camera.station.moved(&six(common, *block));
         }
     }
-    if let Some(at) = layout.artefact_scale {
-        next.artefact_scale += step[at];
+    for (interior, block) in problem.interiors.iter_mut().zip(&layout.interiors) {
+        for (i, unknown) in interior.unknowns.iter().enumerate().take(block.len) {
+            unknown.parameter.add(&mut interior.camera, common[block.at + i]);
+        }
     }
-    if let Some(at) = layout.fan_scale {
-        next.fan.scale += step[at];
+    for (module, block) in problem.modules.iter_mut().zip(&layout.modules) {
+        module.station = module.station.moved(&six(common, *block));
+        if block.len == 7 {
+            module.scale += common[block.at + 6];
+        }
     }
-    for (i, error) in next.fan.beams.iter_mut().enumerate() {
+    problem.artefact_scale += layout.artefact_scale.map_or(0.0, |at| common[at]);
+    problem.fan.scale += layout.fan_scale.map_or(0.0, |at| common[at]);
+    for (i, error) in problem.fan.beams.iter_mut().enumerate() {
         let at = layout.fan_beams + 2 * i;
-        *error += nalgebra::Vector2::new(step[at], step[at + 1]);
+        *error += nalgebra::Vector2::new(common[at], common[at + 1]);
     }
-    for (point, shift) in next.points.iter_mut().zip(points) {
-        *point += shift;
+    for (point, place) in problem.points.iter_mut().zip(&layout.points) {
+        if let PointPlace::Border(at) = place {
+            *point += common.fixed_rows::<3>(*at);
+        }
     }
-    next
+    for (point, shift) in structure.points.iter().zip(&step.points) {
+        problem.points[point.index] += shift;
+    }
 }
 
-fn summarise(
-    problem: &Problem,
-    fit: &Fit,
-    initial_chi2: f64,
-    iterations: usize,
-    kept: (Vec<usize>, Vec<usize>),
-    all: &(Vec<super::ImageObservation>, Vec<super::BeamObservation>),
-) -> Summary {
-    let missing = |kept: &[usize], count: usize| {
-        (0..count).filter(|i| kept.binary_search(i).is_err()).collect()
-    };
-    let priors: usize = problem
-        .cameras
-        .iter()
-        .map(|c| if matches!(c.interior, Interior::Prior(_)) { 3 } else { 0 })
-        .sum::<usize>()
-        + problem.modules.iter().filter(|m| m.scale_prior.1 > 0.0).count()
-        + usize::from(problem.artefact_scale_sigma > 0.0)
-        + usize::from(problem.fan.scale_sigma > 0.0)
-        + 2 * problem.fan.beams.len();
-    let rows =
-        2 * (problem.images.len() + problem.beams.len()) + 3 * problem.controls.len() + priors;
-    // A point whose observations were all left out has no part in the sum.
-    let points = fit.normal.points.iter().filter(|b| b.own != Matrix3::zeros()).count();
-    Summary {
-        iterations,
-        initial_chi2,
-        chi2: fit.normal.chi2,
-        redundancy: rows.saturating_sub(fit.layout.size + 3 * points),
-        outlier_images: missing(&kept.0, all.0.len()),
-        outlier_beams: missing(&kept.1, all.1.len()),
-        covariance: Covariance::of(&fit.normal, &fit.layout),
-    }
+fn six(step: &DVector<f64>, block: Block) -> Vector6<f64> {
+    Vector6::from_fn(|i, _| step[block.at + i])
+}
+
+/// Observations minus unknowns. Points that nothing observes take no part.
+fn redundancy(problem: &Problem, solved: &Covariance) -> usize {
+    let (layout, structure) = (&solved.layout, &solved.structure);
+    let rows = 2 * structure.rows.len()
+        + 3 * structure.controls.len()
+        + scalars(problem, layout, structure).len();
+    let points = structure.points.len();
+    let constraints = solved.inner.as_ref().map_or(0, Inner::count);
+    (rows + constraints).saturating_sub(layout.size + 3 * points)
 }

@@ -60,6 +60,7 @@ impl Camera {
     }
 
     /// Projects with all derivatives. `None` as [`Camera::project`].
+    #[inline]
     #[must_use]
     pub fn project_with_derivatives(&self, point: &Vector3<f64>) -> Option<Projection> {
         if point.z <= 1e-9 {
@@ -111,11 +112,13 @@ impl Camera {
     }
 
     /// True where the radial polynomial still grows with the radius.
+    #[inline]
     fn invertible_at(&self, n: &Vector2<f64>) -> bool {
         let r2 = n.norm_squared();
         1.0 + r2 * (3.0 * self.k1 + r2 * (5.0 * self.k2 + r2 * 7.0 * self.k3)) > 0.0
     }
 
+    #[inline]
     fn distort(&self, n: &Vector2<f64>) -> Vector2<f64> {
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
@@ -126,6 +129,7 @@ impl Camera {
         )
     }
 
+    #[inline]
     fn distortion_jacobian(&self, n: &Vector2<f64>) -> Matrix2<f64> {
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;

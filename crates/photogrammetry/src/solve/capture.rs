@@ -254,7 +254,9 @@ fn by_inter_beam_angles(
 ) -> MethodResult {
     let method = Method::InterBeamAngles;
     let (points, orders, places) = dots_of(scene, summary);
-    let cofactors = points.iter().filter_map(|p| summary.covariance.point_cofactor(*p)).collect();
+    let cofactors: Vec<_> =
+        points.iter().filter_map(|p| summary.covariance.point_cofactor(*p)).collect();
+    let cofactors = cofactors.iter().collect();
     let dots = Dots { orders, places, cofactors, covariance: &summary.covariance };
     match by_angles::solve(&setup.pattern, &dots, scale, start) {
         Ok(found) => MethodResult {
@@ -306,9 +308,7 @@ fn by_virtual_camera(
         scale: scale.0,
         scale_prior: scale,
     });
-    for (camera, before) in scene.problem.cameras.iter_mut().zip(&adjusted.problem.cameras) {
-        camera.correction = before.correction;
-    }
+    scene.problem.interiors.clone_from(&adjusted.problem.interiors);
     scene.problem.artefact_scale = adjusted.problem.artefact_scale;
     scene.dot_variance = adjusted.dot_variance;
     scene.apply_dot_variance();

@@ -20,9 +20,7 @@ pub(super) type LeftOut = (usize, Subject, Vector2<f64>);
 /// Observed minus computed of an image point. `None` where the point has no image.
 pub(super) fn residual(scene: &Scene, image: usize) -> Option<Vector2<f64>> {
     let o = &scene.problem.images[image];
-    let camera = &scene.problem.cameras[o.camera];
-    let in_camera = camera.station.station_point(&scene.problem.points[o.point]);
-    Some(o.at - camera.corrected().project(&in_camera)?)
+    Some(o.at - scene.problem.image_of(o.camera, o.point)?)
 }
 
 /// The dots of a scene that took part, with their places.
@@ -33,7 +31,7 @@ pub(super) fn dots_of(
     let mut found = (Vec::new(), Vec::new(), Vec::new());
     for (point, subject) in scene.subjects.iter().enumerate() {
         if let Subject::Dot(order) = subject
-            && summary.covariance.point_cofactor(point).is_some()
+            && summary.covariance.has_point(point)
         {
             found.0.push(point);
             found.1.push(*order);

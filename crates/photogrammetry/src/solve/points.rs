@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use super::eccentricity::circle_image_offset;
 use super::orient::Oriented;
 use super::types::Subject;
-use crate::adjust::{CameraStation, Control, ImageObservation, Interior, Problem};
+use crate::adjust::{CameraStation, Control, ImageObservation, InteriorOrientation, Problem};
 use crate::detect::ImagePoint;
 use crate::pattern::Order;
 use crate::pose::{Station, triangulate};
@@ -85,28 +85,21 @@ fn is_dot(subject: Subject) -> bool {
 }
 
 fn cameras_of(setup: &Setup, cameras: &[Oriented<'_>]) -> Problem {
-    let cameras = cameras
+    let stations = cameras.iter().enumerate().map(|(interior, camera)| CameraStation {
+        station: camera.station,
+        interior,
+        is_held: false,
+    });
+    let interiors = cameras
         .iter()
-        .map(|c| CameraStation {
-            station: c.station,
-            camera: *c.camera,
-            interior: interior(setup, c.name),
-            correction: Vector3::zeros(),
-        })
-        .collect();
-    Problem { cameras, ..Problem::default() }
+        .map(|c| interior(setup, c.name).unwrap_or_else(|| InteriorOrientation::fixed(*c.camera)));
+    Problem { cameras: stations.collect(), interiors: interiors.collect(), ..Problem::default() }
 }
 
-/// What is known of a camera's interior orientation.
-pub(super) fn interior(setup: &Setup, name: &str) -> Interior {
-    match setup.cameras.get(name) {
-        Some(c)
-            if c.sigma.focal_px > 0.0 && c.sigma.principal_point_px.iter().all(|s| *s > 0.0) =>
-        {
-            Interior::Prior(c.sigma)
-        }
-        _ => Interior::Fixed,
-    }
+/// A camera's interior orientation with what is known of it.
+pub(super) fn interior(setup: &Setup, name: &str) -> Option<InteriorOrientation> {
+    let camera = setup.cameras.get(name)?;
+    Some(InteriorOrientation::calibrated(camera.model, &camera.sigma))
 }
 
 fn sightings(setup: &Setup, cameras: &[Oriented<'_>], labels: &[Vec<Option<Order>>]) -> Seen {
@@ -155,9 +148,10 @@ fn correct_eccentricity(setup: &Setup, scene: &mut Scene) {
         let of_artefact = setup.artefact.targets.iter().find(|t| t.code == code);
         let radius = of_artefact.map(|t| t.radius_mm).or(setup.tie_targets.map(|t| t.radius_mm));
         let camera = &problem.cameras[observation.camera];
+        let model = &problem.interiors[camera.interior].camera;
         let offset = radius.and_then(|radius| {
             let centre = &problem.points[observation.point];
-            circle_image_offset(&camera.camera, &camera.station, centre, &Vector3::z(), radius)
+            circle_image_offset(model, &camera.station, centre, &Vector3::z(), radius)
         });
         observation.at -= offset.unwrap_or_default();
     }

@@ -12,11 +12,10 @@ use beampose_core::Pose;
 use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::outcome::pose;
-use super::points::interior;
 use super::types::{CaptureSolution, Method, Subject};
 use crate::adjust::{
-    BeamObservation, CameraStation, Control, ImageObservation, ModuleStation, Options, Problem,
-    SharedFan, Summary, adjust,
+    BeamObservation, CameraStation, Control, ImageObservation, InteriorOrientation, ModuleStation,
+    Options, Problem, SharedFan, Summary, adjust,
 };
 use crate::pose::Station;
 use crate::scene::Setup;
@@ -110,10 +109,11 @@ impl<'a> Builder<'a> {
             cameras.insert(name.as_str(), problem.cameras.len());
             problem.cameras.push(CameraStation {
                 station: station(first.position_mm, first.quaternion_wxyz),
-                camera: calibrated.model,
-                interior: interior(setup, name),
-                correction: Vector3::zeros(),
+                interior: problem.interiors.len(),
+                is_held: false,
             });
+            let of_camera = InteriorOrientation::calibrated(calibrated.model, &calibrated.sigma);
+            problem.interiors.push(of_camera);
         }
         if cameras.len() < 2 {
             return Err(format!("{} cameras were oriented in the session", cameras.len()));

@@ -100,18 +100,30 @@ fn setup() -> Setup {
 impl Laboratory {
     /// All as declared, without noise.
     pub fn exact() -> Self {
-        Self::new(0, 0.0)
+        Self::new(0, 0.0, setup())
     }
 
     /// Every declared error drawn.
     pub fn drawn(seed: u64) -> Self {
-        Self::new(seed, 1.0)
+        Self::new(seed, 1.0, setup())
     }
 
-    fn new(seed: u64, noise: f64) -> Self {
+    /// The same where only the fan has errors: 0.0013 degrees for each beam, 0.02 % for all.
+    pub fn with_errors_of_the_fan(seed: u64) -> Self {
+        let mut setup = setup();
+        setup.pattern.u.common_relative = 2e-4;
+        setup.wavelength_u_nm = 0.0;
+        setup.artefact.scale_relative_u = 0.0;
+        setup.artefact.targets.iter_mut().for_each(|t| t.u_mm = 0.0);
+        for camera in setup.cameras.values_mut() {
+            camera.sigma = InteriorSigma { focal_px: 0.0, principal_point_px: [0.0; 2] };
+        }
+        Self::new(seed, 1.0, setup)
+    }
+
+    fn new(seed: u64, noise: f64, setup: Setup) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut draw = |sigma: f64| noise * sigma * normal(&mut rng);
-        let setup = setup();
         let views = [
             ("cam_a", [-1500.0, 700.0, 1900.0]),
             ("cam_b", [900.0, 600.0, 1900.0]),
