@@ -1,5 +1,6 @@
 //! The command line. Each command is a file here and a line in `Command`.
 
+mod calibrate;
 mod check;
 mod export;
 mod import;
@@ -8,6 +9,7 @@ mod run;
 mod score;
 mod sessions;
 mod solve;
+mod targets;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -60,6 +62,8 @@ enum Command {
     Solve(solve::Solve),
     Report(report::Report),
     Score(score::Score),
+    Calibrate(calibrate::Calibrate),
+    Targets(targets::Targets),
 }
 
 /// Which database.
@@ -153,6 +157,8 @@ pub fn main() -> ExitCode {
     log(cli.verbose);
     let ended = match cli.command {
         Command::Check(check) => check.execute(),
+        Command::Calibrate(calibrate) => calibrate.execute(),
+        Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Sessions(sessions) => with_runtime(sessions.execute()),
         Command::Import(import) => with_runtime(import.execute()),
