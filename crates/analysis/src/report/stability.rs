@@ -74,8 +74,8 @@ pub fn verdict(p: &ParameterStability) -> &'static str {
     let has_jump = p.changes.iter().any(|c| c.is_significant);
     match (p.scatter_probability, p.is_drifting, has_jump, p.is_unstable) {
         (None, ..) => "no stated uncertainty to compare with",
-        (_, true, ..) => "drifts",
         (_, _, true, _) => "changes from one calibration to the next",
+        (_, true, ..) => "drifts",
         (_, _, _, true) => "scatters more than stated",
         _ => "within what is stated",
     }

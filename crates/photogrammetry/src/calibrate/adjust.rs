@@ -1,35 +1,34 @@
 //! Self-calibration: interior orientation and the pose of every picture in one least-squares
 //! adjustment, points of the sheet held, all observations of equal weight.
 //!
-//! Levenberg-Marquardt on dense normal equations: a calibration has dozens of pictures, not
-//! thousands. The sigma of unit weight comes from the residuals (sum of squares over the
-//! redundancy, which is OpenCV's convention too): what dominates on a printed sheet is how flat and
-//! how well printed it is, and the stated covariance of a disc's centre does not know that.
-//! The centre of a disc's ellipse is not the image of its centre; the difference is computed from
-//! the estimate and taken off, until it stays.
+//! The general adjustment (`adjust`) does it; what is here is what a sheet adds. The sigma of unit
+//! weight comes from the residuals (sum of squares over the redundancy, which is OpenCV's convention
+//! too): what dominates on a printed sheet is how flat and how well printed it is, and the stated
+//! covariance of a disc's centre does not know that. The centre of a disc's ellipse is not the image
+//! of its centre; the difference is computed from the estimate and taken off, until it stays.
 
-use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix6, Vector2, Vector3};
 
 use super::disc_image::disc_image_offset;
 use super::{Interior, Unknowns, View};
-use crate::camera::{Camera, Projection};
+use crate::adjust::{
+    AdjustError, CameraStation, ImageObservation, InteriorOrientation, Options, Problem, Summary,
+    adjust,
+};
+use crate::camera::Camera;
 use crate::pose::{Station, resect};
 
 /// Fewer points fix no pose with anything left to check it by.
 const LEAST_POINTS: usize = 6;
-/// Iterations before the adjustment is given up: from the closed form it takes about ten.
+/// From the closed form it takes about ten.
 const MAX_ITERATIONS: usize = 200;
-/// A step that gains less than this part of the cost is the last: it moves nothing by more than a
-/// hundred thousandth of its standard deviation.
+/// A step that gains less than this part of the cost is the last: it would move nothing by more than
+/// a hundred thousandth of its standard deviation.
 const SAME_COST: f64 = 1e-14;
-/// Square of the rounding of a coordinate of thousands of pixels.
-const ROUNDING: f64 = 1e-24;
 /// An eccentricity that changes by less is final, pixels: a thousandth of the best centre.
 const SAME_OFFSET: f64 = 1e-5;
 /// Rounds of eccentricity: each gains two or three digits.
 const MAX_ROUNDS: usize = 8;
-/// Smallest eigenvalue of the scaled normal matrix that rounding leaves meaning to.
-const LEAST_EIGENVALUE: f64 = 1e-13;
 
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -70,14 +69,12 @@ pub enum CalibrationError {
         /// Its name.
         parameter: String,
     },
-    /// It does not settle.
-    #[error(
-        "the adjustment did not converge within {MAX_ITERATIONS} iterations (rms {rms_px:.3} px)"
-    )]
-    Diverged {
-        /// Where it stood, pixels.
-        rms_px: f64,
-    },
+    /// The eccentricity of the discs grows instead of settling.
+    #[error("the eccentricity of the dots does not settle: is their diameter right?")]
+    Unsettled,
+    /// The adjustment failed.
+    #[error(transparent)]
+    Adjustment(#[from] AdjustError),
 }
 
 /// A view after the adjustment.
@@ -178,17 +175,17 @@ pub fn self_calibrate(
     let mut pixels: Vec<Vec<Vector2<f64>>> =
         views.iter().map(|v| v.points.iter().map(|p| p.pixel).collect()).collect();
     for _ in 0..MAX_ROUNDS {
-        let iterations = minimise(views, &pixels, unknowns, &mut state)?;
+        let (summary, next) = minimise(views, &pixels, unknowns, &state)?;
+        state = next;
         let corrected = without_eccentricity(views, &state);
         let moved = pixels.iter().flatten().zip(corrected.iter().flatten());
         let most = moved.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
         if most < SAME_OFFSET {
-            return finish(views, &pixels, unknowns, &state, iterations);
+            return finish(views, &pixels, unknowns, &state, &summary);
         }
         pixels = corrected;
     }
-    let last = finish(views, &pixels, unknowns, &state, MAX_ITERATIONS)?;
-    Err(CalibrationError::Diverged { rms_px: last.rms_px })
+    Err(CalibrationError::Unsettled)
 }
 
 /// As [`self_calibrate`], leaving out points whose residual is more than `limit` times the sigma of
@@ -249,18 +246,6 @@ impl State {
             views.iter().map(|view| first_station(view, &camera)).collect();
         Ok(Self { camera, stations: stations? })
     }
-
-    fn moved(&self, unknowns: &Unknowns, step: &DVector<f64>) -> Self {
-        let mut next = self.clone();
-        for (unknown, step) in unknowns.iter().zip(step.iter()) {
-            unknown.add(&mut next.camera, *step);
-        }
-        for (i, station) in next.stations.iter_mut().enumerate() {
-            let first = unknowns.len() + 6 * i;
-            *station = station.moved(&step.fixed_rows::<6>(first).into_owned());
-        }
-        next
-    }
 }
 
 fn first_station(view: &View, camera: &Camera) -> Result<Station, CalibrationError> {
@@ -294,123 +279,34 @@ fn without_eccentricity(views: &[View], state: &State) -> Vec<Vec<Vector2<f64>>>
     views.iter().zip(&state.stations).map(corrected).collect()
 }
 
-/// Minimises the squared residuals; the number of steps.
+/// Minimises the squared residuals from a state; the state that does.
 fn minimise(
     views: &[View],
     pixels: &[Vec<Vector2<f64>>],
     unknowns: &Unknowns,
-    state: &mut State,
-) -> Result<usize, CalibrationError> {
-    let sums = |state: &State| normal_equations(views, pixels, unknowns, state);
-    let behind = || CalibrationError::NoPose { view: views[0].name.clone() };
-    let mut now = sums(state).ok_or_else(behind)?;
-    let points: usize = views.iter().map(|v| v.points.len()).sum();
-    let mut damping = 1e-3;
-    for iteration in 1..=MAX_ITERATIONS {
-        let Some(step) = now.step(damping) else {
-            damping *= 10.0;
-            continue;
-        };
-        let next = state.moved(unknowns, &step);
-        // What the step gains by the linear model: near the minimum the cost itself only shows its
-        // rounding.
-        if step.dot(&now.right) <= SAME_COST * now.cost + ROUNDING * points as f64 {
-            *state = next;
-            return Ok(iteration);
-        }
-        match sums(&next) {
-            Some(sums) if sums.cost < now.cost => {
-                (*state, now) = (next, sums);
-                damping *= 0.1;
-            }
-            _ => damping *= 10.0,
-        }
-    }
-    Err(CalibrationError::Diverged { rms_px: (now.cost / points as f64).sqrt() })
-}
-
-/// Normal equations and the sum of squared residuals.
-struct Sums {
-    normal: DMatrix<f64>,
-    right: DVector<f64>,
-    cost: f64,
-}
-
-impl Sums {
-    /// Roots of the diagonal: what brings the unknowns to one scale.
-    fn scale(&self) -> DVector<f64> {
-        self.normal.diagonal().map(|d| if d > 0.0 { d.sqrt() } else { 1.0 })
-    }
-
-    /// The normal matrix with a diagonal of one.
-    fn scaled(&self, scale: &DVector<f64>) -> DMatrix<f64> {
-        let n = &self.normal;
-        DMatrix::from_fn(n.nrows(), n.ncols(), |i, j| n[(i, j)] / (scale[i] * scale[j]))
-    }
-
-    fn step(&self, damping: f64) -> Option<DVector<f64>> {
-        let scale = self.scale();
-        let mut damped = self.scaled(&scale);
-        for i in 0..damped.nrows() {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let right = self.right.component_div(&scale);
-        Some(damped.cholesky()?.solve(&right).component_div(&scale))
-    }
-}
-
-/// `None` where a point cannot be projected.
-fn normal_equations(
-    views: &[View],
-    pixels: &[Vec<Vector2<f64>>],
-    unknowns: &Unknowns,
     state: &State,
-) -> Option<Sums> {
-    let shared = unknowns.len();
-    let size = shared + 6 * views.len();
-    let mut sums =
-        Sums { normal: DMatrix::zeros(size, size), right: DVector::zeros(size), cost: 0.0 };
-    for (i, (view, station)) in views.iter().zip(&state.stations).enumerate() {
-        let mut inner = DMatrix::zeros(shared + 6, shared + 6);
-        let mut right = DVector::zeros(shared + 6);
-        let mut rows = DMatrix::zeros(2, shared + 6);
-        for (point, pixel) in view.points.iter().zip(&pixels[i]) {
-            let arm = in_space(point.on_sheet) - station.centre;
-            let station_from_sheet = station.rotation.inverse().into_inner();
-            let at = state.camera.project_with_derivatives(&(station_from_sheet * arm))?;
-            fill_interior(&mut rows, unknowns, &at);
-            let by_arm: SMatrix<f64, 2, 3> = at.by_point * station_from_sheet;
-            rows.fixed_view_mut::<2, 3>(0, shared).copy_from(&-by_arm);
-            rows.fixed_view_mut::<2, 3>(0, shared + 3).copy_from(&(by_arm * arm.cross_matrix()));
-            let residual = pixel - at.pixel;
-            sums.cost += residual.norm_squared();
-            inner.gemm_tr(1.0, &rows, &rows, 1.0);
-            right.gemv_tr(1.0, &rows, &residual, 1.0);
-        }
-        sums.add(i, shared, &inner, &right);
-    }
-    Some(sums)
-}
-
-fn fill_interior(rows: &mut DMatrix<f64>, unknowns: &Unknowns, at: &Projection) {
-    for (column, unknown) in unknowns.iter().enumerate() {
-        for row in 0..2 {
-            rows[(row, column)] = unknown.columns().iter().map(|&c| at.by_interior[(row, c)]).sum();
+) -> Result<(Summary, State), CalibrationError> {
+    let parameters: Vec<_> = unknowns.iter().map(Interior::parameter).collect();
+    let interior = InteriorOrientation::free(state.camera, &parameters);
+    let mut problem = Problem { interiors: vec![interior], ..Problem::default() };
+    for (camera, (view, station)) in views.iter().zip(&state.stations).enumerate() {
+        problem.cameras.push(CameraStation { station: *station, interior: 0, is_held: false });
+        for (point, at) in view.points.iter().zip(&pixels[camera]) {
+            let (index, information) = (problem.points.len(), Matrix2::identity());
+            problem.points.push(in_space(point.on_sheet));
+            problem.images.push(ImageObservation { camera, point: index, at: *at, information });
         }
     }
-}
-
-impl Sums {
-    /// Adds the equations of one view: shared unknowns first, then its six.
-    fn add(&mut self, view: usize, shared: usize, inner: &DMatrix<f64>, right: &DVector<f64>) {
-        let place = |k: usize| if k < shared { k } else { k + 6 * view };
-        for i in 0..inner.nrows() {
-            self.right[place(i)] += right[i];
-            for j in 0..inner.ncols() {
-                self.normal[(place(i), place(j))] += inner[(i, j)];
-            }
-        }
-    }
+    problem.held_points = (0..problem.points.len()).collect();
+    let options = Options {
+        max_iterations: MAX_ITERATIONS,
+        relative_decrease: SAME_COST,
+        outlier_sigmas: f64::INFINITY,
+        ..Options::default()
+    };
+    let summary = adjust(&mut problem, &options)?;
+    let stations = problem.cameras.iter().map(|c| c.station).collect();
+    Ok((summary, State { camera: *problem.interior(0), stations }))
 }
 
 fn finish(
@@ -418,33 +314,51 @@ fn finish(
     pixels: &[Vec<Vector2<f64>>],
     unknowns: &Unknowns,
     state: &State,
-    iterations: usize,
+    summary: &Summary,
 ) -> Result<SelfCalibration, CalibrationError> {
-    let behind = || CalibrationError::NoPose { view: views[0].name.clone() };
-    let sums = normal_equations(views, pixels, unknowns, state).ok_or_else(behind)?;
-    let inverse = inverse(&sums, unknowns, views)?;
+    let cofactors = &summary.covariance;
+    let undetermined = |parameter: String| CalibrationError::Undetermined { parameter };
+    let all = || undetermined("the interior orientation".to_owned());
+    let interior = cofactors.interior(0).ok_or_else(all)?;
+    if let Some(unknown) = open(unknowns, &interior, &state.camera) {
+        return Err(undetermined(unknown.name().to_owned()));
+    }
+    let variance = summary.chi2 / summary.redundancy.max(1) as f64;
+    let mut solved = Vec::with_capacity(views.len());
+    for (i, (view, station)) in views.iter().zip(&state.stations).enumerate() {
+        let pose = || undetermined(format!("the pose of {}", view.name));
+        solved.push(SolvedView {
+            name: view.name.clone(),
+            station: *station,
+            covariance: cofactors.camera(i).ok_or_else(pose)? * variance,
+            pixels: pixels[i].clone(),
+            residuals: residuals(view, &pixels[i], &state.camera, station),
+        });
+    }
     let points: usize = views.iter().map(|v| v.points.len()).sum();
-    let redundancy = 2 * points - inverse.nrows();
-    let variance = sums.cost / redundancy as f64;
-    let shared = unknowns.len();
-    let solved = views.iter().zip(&state.stations).enumerate().map(|(i, (view, station))| {
-        let at = shared + 6 * i;
-        let covariance = inverse.fixed_view::<6, 6>(at, at) * variance;
-        let residuals = residuals(view, &pixels[i], &state.camera, station);
-        let (name, pixels) = (view.name.clone(), pixels[i].clone());
-        SolvedView { name, station: *station, covariance, pixels, residuals }
-    });
     Ok(SelfCalibration {
         camera: state.camera,
         unknowns: unknowns.clone(),
-        covariance: inverse.view((0, 0), (shared, shared)) * variance,
-        views: solved.collect(),
+        covariance: interior * variance,
+        views: solved,
         sigma0_px: variance.sqrt(),
-        rms_px: (sums.cost / points as f64).sqrt(),
-        redundancy,
-        iterations,
+        rms_px: (summary.chi2 / points as f64).sqrt(),
+        redundancy: summary.redundancy,
+        iterations: summary.iterations,
         rejected: Vec::new(),
     })
+}
+
+/// The unknown that the pictures leave open most, if one is: coordinates good to a pixel would leave
+/// it so uncertain that the corner of the picture could be anywhere.
+fn open(unknowns: &Unknowns, cofactors: &DMatrix<f64>, camera: &Camera) -> Option<Interior> {
+    let size = (camera.width as f64).hypot(camera.height as f64);
+    let focal = Interior::F.of(camera);
+    let corner = 0.5 * size / focal;
+    let moved = unknowns.iter().zip(cofactors.diagonal().iter().copied().collect::<Vec<_>>());
+    let moved = moved.map(|(u, cofactor)| (u, cofactor.abs().sqrt() * u.moves(focal, corner)));
+    let most = moved.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (most.1 > size).then_some(most.0)
 }
 
 fn residuals(
@@ -459,32 +373,4 @@ fn residuals(
             Some(pixel - camera.project(&station.station_point(&in_space(point.on_sheet)))?)
         })
         .collect()
-}
-
-/// The inverse of the normal matrix, or the name of what it does not determine: the unknown that
-/// moves most along the direction in which nothing changes.
-fn inverse(
-    sums: &Sums,
-    unknowns: &Unknowns,
-    views: &[View],
-) -> Result<DMatrix<f64>, CalibrationError> {
-    let scale = sums.scale();
-    let eigen = sums.scaled(&scale).symmetric_eigen();
-    let least = eigen.eigenvalues.imin();
-    if eigen.eigenvalues[least] < LEAST_EIGENVALUE {
-        let direction = eigen.eigenvectors.column(least);
-        let shared = unknowns.iter().zip(direction.iter());
-        let named = shared.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-        let parameter = named.map_or_else(
-            || format!("the pose of {}", views[(direction.iamax() - unknowns.len()) / 6].name),
-            |(unknown, _)| unknown.name().to_owned(),
-        );
-        return Err(CalibrationError::Undetermined { parameter });
-    }
-    let inverted = eigen.eigenvalues.map(f64::recip);
-    let scaled =
-        &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose();
-    Ok(DMatrix::from_fn(scaled.nrows(), scaled.ncols(), |i, j| {
-        scaled[(i, j)] / (scale[i] * scale[j])
-    }))
 }

@@ -46,7 +46,7 @@ pub struct ParameterStability {
     pub drift: f64,
     /// Its standard deviation as stated.
     pub drift_sigma: Option<f64>,
-    /// How often chance alone gives such a slope.
+    /// How often chance alone gives such a slope; `None` for fewer than three calibrations.
     pub drift_probability: Option<f64>,
     /// Whether the drift is more than chance.
     pub is_drifting: bool,
@@ -158,6 +158,8 @@ fn of_parameter(
     let (low, high) =
         values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     let (drift, drift_sigma) = slope(&values, sigmas.as_deref());
+    // Of two calibrations the slope is the change.
+    let is_series = values.len() > 2;
     ParameterStability {
         parameter,
         mean,
@@ -165,7 +167,7 @@ fn of_parameter(
         range: high - low,
         drift,
         drift_sigma,
-        drift_probability: drift_sigma.map(|sigma| two_sided(drift, sigma)),
+        drift_probability: drift_sigma.filter(|_| is_series).map(|sigma| two_sided(drift, sigma)),
         is_drifting: false,
         scatter_probability: sigmas.map(|sigmas| scatter_probability(&values, &sigmas)),
         is_unstable: false,

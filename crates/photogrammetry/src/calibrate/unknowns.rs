@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::adjust::InteriorParameter;
 use crate::camera::Camera;
 
 /// One number of the interior orientation, in the order of `Projection::by_interior`.
@@ -89,37 +90,32 @@ impl Interior {
         }
     }
 
-    /// The columns of `Projection::by_interior` that move with it.
-    pub(super) const fn columns(self) -> &'static [usize] {
+    /// Its name in the adjustment.
+    pub(super) const fn parameter(self) -> InteriorParameter {
         match self {
-            Self::F => &[0, 1],
-            Self::Fx => &[0],
-            Self::Fy => &[1],
-            Self::Cx => &[2],
-            Self::Cy => &[3],
-            Self::K1 => &[4],
-            Self::K2 => &[5],
-            Self::P1 => &[6],
-            Self::P2 => &[7],
-            Self::K3 => &[8],
+            Self::F => InteriorParameter::Focal,
+            Self::Fx => InteriorParameter::FocalX,
+            Self::Fy => InteriorParameter::FocalY,
+            Self::Cx => InteriorParameter::PrincipalX,
+            Self::Cy => InteriorParameter::PrincipalY,
+            Self::K1 => InteriorParameter::K1,
+            Self::K2 => InteriorParameter::K2,
+            Self::P1 => InteriorParameter::P1,
+            Self::P2 => InteriorParameter::P2,
+            Self::K3 => InteriorParameter::K3,
         }
     }
 
-    pub(super) fn add(self, camera: &mut Camera, step: f64) {
+    /// Pixels by which one unit of it moves an image point at a focal length in pixels and a
+    /// normalised radius, at most.
+    pub(super) fn moves(self, focal: f64, radius: f64) -> f64 {
         match self {
-            Self::F => {
-                camera.fx += step;
-                camera.fy += step;
-            }
-            Self::Fx => camera.fx += step,
-            Self::Fy => camera.fy += step,
-            Self::Cx => camera.cx += step,
-            Self::Cy => camera.cy += step,
-            Self::K1 => camera.k1 += step,
-            Self::K2 => camera.k2 += step,
-            Self::P1 => camera.p1 += step,
-            Self::P2 => camera.p2 += step,
-            Self::K3 => camera.k3 += step,
+            Self::F | Self::Fx | Self::Fy => radius,
+            Self::Cx | Self::Cy => 1.0,
+            Self::K1 => focal * radius.powi(3),
+            Self::K2 => focal * radius.powi(5),
+            Self::P1 | Self::P2 => 3.0 * focal * radius.powi(2),
+            Self::K3 => focal * radius.powi(7),
         }
     }
 }
@@ -205,8 +201,6 @@ impl FromStr for Unknowns {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector2;
-
     use super::*;
 
     #[test]
@@ -229,30 +223,33 @@ mod tests {
     }
 
     #[test]
-    fn a_step_moves_the_columns_that_its_derivative_sums() {
+    fn what_a_parameter_moves_is_the_length_of_its_derivative() {
         let camera = Camera {
             width: 640,
             height: 480,
             fx: 500.0,
-            fy: 510.0,
+            fy: 500.0,
             cx: 320.0,
             cy: 240.0,
-            k1: -0.2,
-            k2: 0.05,
-            p1: 1e-3,
-            p2: 2e-3,
-            k3: 0.01,
+            k1: 0.0,
+            k2: 0.0,
+            p1: 0.0,
+            p2: 0.0,
+            k3: 0.0,
         };
-        let point = nalgebra::Vector3::new(0.3, -0.2, 1.0);
-        let at = camera.project_with_derivatives(&point).unwrap();
-        for unknown in Interior::ALL {
-            let mut moved = camera;
-            unknown.add(&mut moved, 1e-6);
-            let slope = (moved.project(&point).unwrap() - at.pixel) / 1e-6;
-            let stated: Vector2<f64> =
-                unknown.columns().iter().map(|&c| Vector2::from(at.by_interior.column(c))).sum();
-            // The pixel is linear in each: what differs is the rounding of 1e-13 over 1e-6.
-            assert!((slope - stated).norm() < 1e-6, "{unknown}");
+        let (sin, cos) = 0.3f64.sin_cos();
+        let radius = 0.4;
+        let point = nalgebra::Vector3::new(radius * cos, radius * sin, 1.0);
+        let by_interior = camera.project_with_derivatives(&point).unwrap().by_interior;
+        // Of focal lengths and tangential terms the derivative depends on the direction: at most so.
+        for (column, unknown) in Unknowns::default().iter().enumerate() {
+            let (here, most) = (by_interior.column(column).norm(), unknown.moves(500.0, radius));
+            assert!(here <= most * (1.0 + 1e-12) && here > 0.25 * most, "{unknown}: {here} {most}");
+        }
+        for unknown in [Interior::K1, Interior::K2, Interior::K3] {
+            let column = Unknowns::default().iter().position(|u| u == unknown).unwrap();
+            let here = by_interior.column(column).norm();
+            assert!((here / unknown.moves(500.0, radius) - 1.0).abs() < 1e-12, "{unknown}");
         }
     }
 }

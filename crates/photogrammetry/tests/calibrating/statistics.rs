@@ -141,7 +141,8 @@ fn no_error_at_all_gives_the_camera_itself() {
         }
     }
     let found = self_calibrate(&views, &start(&views).unwrap(), &Unknowns::default()).unwrap();
-    assert!(found.rms_px < 1e-9, "{}", found.rms_px);
+    // The adjustment ends when a step would gain less than 1e-12 square pixels in all.
+    assert!(found.rms_px < 1e-6 / (found.points() as f64).sqrt(), "{}", found.rms_px);
     for unknown in found.unknowns.iter() {
         let off = unknown.of(&found.camera) - unknown.of(&CAMERA);
         assert!(off.abs() < 1e-6 * unknown.of(&CAMERA).abs().max(0.1), "{unknown}: {off}");

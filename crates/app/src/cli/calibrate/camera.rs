@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use beampose_analysis::{CalibrationReport, calibration_html, calibration_json};
 use beampose_photogrammetry::calibrate::{Coverage, Stated, Unknowns, compare, write_calibration};
 
-use super::{Ended, print_stability, put, put_stability, six};
+use super::{Ended, digits, print_stability, put, put_stability};
 use crate::camera_calibration::{Calibrated, Method, Source, calibrate};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::SOFTWARE;
@@ -176,8 +176,8 @@ fn in_words(name: &str, found: &Calibrated) -> String {
     for unknown in result.unknowns.iter() {
         let sigma = result.standard_deviation(unknown).unwrap_or(f64::NAN);
         let unit = if unknown.is_in_pixels() { " px" } else { "" };
-        let value = six(unknown.of(&result.camera));
-        lines.push(format!("  {unknown:<3} {value:>12}  sigma {sigma:.3e}{unit}"));
+        let value = digits(unknown.of(&result.camera), 7);
+        lines.push(format!("  {unknown:<3} {value:>13}  sigma {}{unit}", digits(sigma, 4)));
     }
     lines.join("\n")
 }

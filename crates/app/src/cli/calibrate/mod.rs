@@ -59,10 +59,10 @@ fn print_stability(found: &Stability) {
     for p in &found.parameters {
         table.add_row([
             p.parameter.to_string(),
-            six(p.mean),
-            format!("{:.2e}", p.scatter),
-            format!("{:.2e}", p.range),
-            format!("{:+.2e}", p.drift),
+            digits(p.mean, 6),
+            digits(p.scatter, 2),
+            digits(p.range, 2),
+            digits(p.drift, 2),
             stability_verdict(p).to_owned(),
         ]);
     }
@@ -74,8 +74,9 @@ fn print_stability(found: &Stability) {
     print(&format!("scatter of the principal point: {:.3} px", found.principal_point_px));
 }
 
-/// Six significant digits.
-fn six(value: f64) -> String {
-    let places = (5.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 12.0) as usize;
+/// So many significant digits.
+fn digits(value: f64, count: u32) -> String {
+    let exponent = value.abs().max(1e-9).log10().floor();
+    let places = (f64::from(count) - 1.0 - exponent).clamp(0.0, 12.0) as usize;
     format!("{value:.places$}")
 }
