@@ -170,7 +170,7 @@ fn what_cannot_be_calibrated_or_printed_is_told_in_one_message() {
     lab.write("empty/sheet.yaml", SHEET);
     lab.write("bare/picture.txt", "");
     lab.write("wrong/sheet.yaml", &replaced(SHEET, "rows: 8", "rows: 1"));
-    let cases: [(&str, &str); 14] = [
+    let cases: [(&str, &str); 16] = [
         ("calibrate camera nowhere", "nowhere: no such file"),
         ("calibrate camera bare", "bare/sheet.yaml: no such file"),
         ("calibrate camera empty", "empty: there is no JPEG or PNG picture in it"),
@@ -182,10 +182,9 @@ fn what_cannot_be_calibrated_or_printed_is_told_in_one_message() {
         ("calibrate camera left.csv --estimate fx,k4", "`k4` is no parameter"),
         ("calibrate camera left.csv --size 640x480 --name ../x", "`../x` is no name for files"),
         ("calibrate compare left.csv left.csv", "left.csv: "),
-        (
-            "targets --codes 44",
-            "code 44 can be mistaken for something else; the nearest that serves is 43",
-        ),
+        ("targets --codes 44", "code 44 is code 11 turned: write 11"),
+        ("targets --codes 1", "can be mistaken for something else; the nearest that serves is 5"),
+        ("targets --codes 5000", "code 5000 is out of range: codes are below 4096"),
         ("targets --codes 45-99 --radius-mm 12", "targets do not fit"),
         ("targets --codes 1-4", "no code of 1-4 serves"),
     ];
