@@ -181,9 +181,13 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
     let share = before.elapsed().as_secs_f64() / captures.len().max(1) as f64;
     let pipeline = Pipeline::begin(store.clone(), id, setup.clone(), &Method::ALL).await?;
     let mut all = Vec::new();
-    for (capture, pose) in captures.iter().zip(joint.poses) {
+    for (i, (capture, pose)) in captures.iter().zip(joint.poses).enumerate() {
         let Ok(solution) = &capture.solution else { continue };
         let mut solution = solution.clone();
+        for knock in joint.knocks.iter().filter(|knock| knock.capture == i) {
+            let note = "was knocked before this capture; it has a new orientation from here on";
+            solution.notes.push(format!("{} {note}", knock.camera));
+        }
         solution.results.retain(|r| r.method != Method::SessionAdjustment);
         let alike = solution.results.iter().find(|r| r.method == Method::VirtualCamera);
         solution.results.push(MethodResult {

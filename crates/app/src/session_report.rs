@@ -111,8 +111,12 @@ impl Loaded {
         let Analyse::Translation { pass, axis_key, .. } = plan.analyse.as_ref()?;
         let of = |methods: &[Method], rule: DistanceRule<'_>| {
             let travel = |c| travel_capture(c, pass, axis_key, methods);
+            // Captures outside the passes (with the module turned) help the adjustment only.
+            let has_pass = |c: &&ReportCapture| c.setpoints.contains_key(pass.as_str());
+            let all_alike = !self.captures.iter().any(|c| has_pass(&c));
+            let of_passes = self.captures.iter().filter(|c| all_alike || has_pass(c));
             translation(&TranslationInput {
-                captures: self.captures.iter().map(travel).collect(),
+                captures: of_passes.map(travel).collect(),
                 scale_relative_u: self.setup.artefact.scale_relative_u,
                 stated_scale: StatedScale::Included,
                 rule,

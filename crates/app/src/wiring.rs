@@ -14,12 +14,12 @@ use beampose_plan::rig::{self, Simulation};
 use beampose_plan::{ClockKind, Instrument, Rig};
 use beampose_virtual_lab::config::{
     BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, Polarity, RailConfig,
-    RoomConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole, ThermometerConfig,
-    WallConfig, WavemeterConfig,
+    RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
+    ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::{
-    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedThermometer,
-    SimulatedWavemeter, World, WorldConfig,
+    ErrorDraw, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
+    SimulatedThermometer, SimulatedWavemeter, World, WorldConfig,
 };
 
 /// The clock of a run.
@@ -125,7 +125,8 @@ fn add_simulated(
             bench.axes.insert(name, Arc::new(rail));
         }
         Instrument::RotaryAxis(_) => {
-            return Err("no simulated rotary axis is wired yet: take it out of the rig".to_owned());
+            let stage = SimulatedRotation::new(world, clock).map_err(in_words)?;
+            bench.axes.insert(name, Arc::new(stage));
         }
         Instrument::Laser(_) => {
             bench.lasers.insert(name, Arc::new(SimulatedLaser::new(world, clock)));
@@ -158,7 +159,7 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
             rotation_omega_phi_kappa_deg: module.rotation_omega_phi_kappa.map(|a| a.0),
         },
         rail: rail(rig, simulation),
-        rotation: None,
+        rotation: rotation(rig, simulation),
         pattern: setup.pattern.clone(),
         beam: beam(simulation),
         diode: diode(rig, simulation),
@@ -220,6 +221,27 @@ fn rail(rig: &Rig, simulation: &Simulation) -> Option<RailConfig> {
         // A carriage that leaves its line by a few micrometres also nods by a few seconds of arc.
         tilt_arcsec: [10.0 * straightness / 0.01, 10.0 * straightness / 0.01],
         period_mm: module.straightness.period.0,
+    })
+}
+
+fn rotation(rig: &Rig, simulation: &Simulation) -> Option<RotationConfig> {
+    let turntable = simulation.module.turntable.as_ref()?;
+    let Some(Instrument::RotaryAxis(axis)) = rig.instruments.get(&turntable.axis.value) else {
+        return None;
+    };
+    Some(RotationConfig {
+        stage: StageConfig {
+            limits: [axis.travel.value.from.0, axis.travel.value.to.0],
+            start: axis.travel.value.from.0.max(0.0),
+            speed_per_s: axis.speed.0,
+            settle_s: axis.settle.0,
+            positioning_sigma: 5e-4,
+            // One second of arc.
+            resolution: 1.0 / 3600.0,
+            noise: axis.u.map_or(0.0, |u| u.0),
+        },
+        axis_point_mm: turntable.about.map(|x| x.0),
+        axis_direction: turntable.direction.value,
     })
 }
 

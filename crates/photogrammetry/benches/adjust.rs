@@ -3,6 +3,7 @@
 //! `cargo bench -p beampose-photogrammetry --bench adjust`
 
 #[path = "../tests/bundles/data.rs"]
+#[expect(clippy::unwrap_used, reason = "a benchmark may fail by panicking")]
 mod data;
 
 use beampose_photogrammetry::adjust::{Datum, Options, Problem, adjust};

@@ -3,7 +3,7 @@
 //! `cargo bench -p beampose-photogrammetry --bench solve`
 
 #[path = "../tests/solving/scene.rs"]
-#[expect(dead_code, reason = "the tests use more of it")]
+#[expect(dead_code, clippy::unwrap_used, reason = "the tests use more of it, and may panic")]
 mod scene;
 
 use beampose_photogrammetry::solve::{

@@ -11,6 +11,7 @@ pub mod camera;
 pub mod detect;
 pub mod identify;
 pub mod image;
+pub mod initial;
 pub mod pattern;
 pub mod pose;
 pub mod print;

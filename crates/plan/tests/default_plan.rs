@@ -38,6 +38,21 @@ fn each_capture_says_where_it_was_taken() {
 }
 
 #[test]
+fn every_plan_that_comes_with_the_program_is_sound() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(experiments().join("plans")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        let plan = read_plan(&name, &std::fs::read(&path).unwrap());
+        let plan = plan.unwrap_or_else(|faults| panic!("{faults}"));
+        let summary = check(&plan, &rig()).unwrap_or_else(|faults| panic!("{faults}"));
+        assert!(!summary.steps.is_empty());
+        count += 1;
+    }
+    assert!(count >= 2);
+}
+
+#[test]
 fn deadlines_leave_room_for_the_slowest_case() {
     let steps = beampose_plan::expand(&plan(), &rig()).unwrap();
     for step in &steps {

@@ -43,6 +43,16 @@ pub fn plan(passes: u32, to: u32, step: u32) -> String {
     replaced(&text, "step: 100 mm", &format!("step: {step} mm"))
 }
 
+/// The translation test with turned captures, shortened: three turned ones, a pass of three stops.
+pub fn turned_plan() -> String {
+    let path = experiments().join("plans/translation-test-turned.yaml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let text = replaced(&text, "rig: ../rigs/simulated.yaml\n", "");
+    let text = replaced(&text, "passes: 6", "passes: 1");
+    let text = replaced(&text, "to: 900 mm", "to: 200 mm");
+    replaced(&text, "turn: 3 deg", "turn: 24 deg")
+}
+
 /// How the program ended, and what it said.
 #[derive(Debug)]
 pub struct Ended {

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::lab::{Ended, Lab, plan};
+use crate::lab::{Ended, Lab, plan, turned_plan};
 
 /// A session of two passes with three stops, run once for all tests here. They only read it, or
 /// add processings with both methods.
@@ -41,6 +41,19 @@ fn a_run_solves_its_captures_and_writes_its_report() {
     // A header; then a line for each capture and method, for each stop and method.
     assert_eq!(read("poses.csv").lines().count(), 1 + 6 * 3);
     assert_eq!(read("positions.csv").lines().count(), 1 + 3 * 3);
+}
+
+#[test]
+fn turned_captures_are_solved_and_stay_out_of_the_passes() {
+    let lab = Lab::new();
+    let last = lab.run(&turned_plan(), &[]).expect_code(0).json_lines().pop().unwrap();
+    assert_eq!((&last["captures"], &last["verdict"]), (&6.into(), &"pass".into()));
+    let report = std::fs::read_to_string(lab.path("report/report.json")).unwrap();
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["solved"], 6);
+    let of_session = &report["methods"]["session-adjustment"];
+    assert_eq!(of_session["positions"].as_array().unwrap().len(), 3);
+    assert_eq!(of_session["differences"].as_array().unwrap().len(), 3);
 }
 
 #[test]

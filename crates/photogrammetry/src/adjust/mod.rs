@@ -11,8 +11,8 @@
 //! of a module is what DESIGN calls the covariance of a pose, with no further propagation.
 //!
 //! The way of one adjustment: [`Problem`] -> `layout` (where unknowns stand) -> `structure` (who
-//! touches what) -> `rows` (residuals, Jacobians) -> `normal` -> `reduce` -> `solver` (steps,
-//! rounds of outliers) -> [`Summary`] with its [`Covariance`].
+//! touches what) -> `rows` (residuals, Jacobians) -> `normal` -> `reduce` -> `solver` (steps),
+//! `rounds` (outliers) -> [`Summary`] with its [`Covariance`].
 
 mod covariance;
 mod datum;
@@ -22,6 +22,7 @@ mod normal;
 mod outliers;
 mod problem;
 mod reduce;
+mod rounds;
 mod rows;
 mod solver;
 mod structure;

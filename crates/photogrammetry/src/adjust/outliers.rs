@@ -23,6 +23,15 @@ pub enum ObservationId {
     Control(usize),
 }
 
+impl From<Observed> for ObservationId {
+    fn from(observed: Observed) -> Self {
+        match observed {
+            Observed::Image(i) => Self::Image(i),
+            Observed::Beam(i) => Self::Beam(i),
+        }
+    }
+}
+
 /// How an observation fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tested {
@@ -90,10 +99,7 @@ fn test_row(
             statistic += axis.dot(&residual).powi(2) / value;
         }
     }
-    let observation = match row.observed {
-        Observed::Image(i) => ObservationId::Image(i),
-        Observed::Beam(i) => ObservationId::Beam(i),
-    };
+    let observation = row.observed.into();
     let redundancy = eigen.eigenvalues.sum();
     Some(Tested { observation, statistic: statistic.sqrt(), redundancy, square })
 }

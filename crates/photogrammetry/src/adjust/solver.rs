@@ -7,13 +7,10 @@ use super::datum::{Inner, defect};
 use super::layout::{Block, Layout, PointPlace};
 use super::loss::Loss;
 use super::normal::{Normal, normal_equations, scalars};
-use super::outliers::{ObservationId, test_observations};
-use super::problem::{
-    BeamObservation, CameraStation, ImageObservation, InteriorOrientation, ModuleStation, Problem,
-    SharedFan,
-};
+use super::outliers::ObservationId;
+use super::problem::{CameraStation, InteriorOrientation, ModuleStation, Problem, SharedFan};
 use super::reduce::{Step, damped_step};
-use super::rows::{Linear, Rows};
+use super::rounds::{Kept, rounds};
 use super::structure::{Observed, Structure};
 
 /// What fixes position, orientation and scale.
@@ -75,6 +72,9 @@ pub struct Summary {
     pub outlier_images: Vec<usize>,
     /// Beams left out, as indices into the problem's `beams`.
     pub outlier_beams: Vec<usize>,
+    /// What did not fit and was left out, with the length of its residual in standard deviations
+    /// of the residual when it was.
+    pub left_out: Vec<(ObservationId, f64)>,
     /// The covariance of everything.
     pub covariance: Covariance,
 }
@@ -127,141 +127,27 @@ pub fn adjust(problem: &mut Problem, options: &Options) -> Result<Summary, Adjus
         redundancy: redundancy(problem, &fit.covariance),
         outlier_images: missing(&kept.images, problem.images.len()),
         outlier_beams: missing(&kept.beams, problem.beams.len()),
+        left_out: kept
+            .outliers
+            .iter()
+            .map(|(o, statistic)| (ObservationId::from(*o), *statistic))
+            .collect(),
         covariance: fit.covariance,
     })
 }
 
-/// Rounds of outlier removal; each at least halves the worst residual.
-const ROUNDS: usize = 12;
-
-/// Which observations take part, as indices into the problem as given.
-struct Kept {
-    images: Vec<usize>,
-    beams: Vec<usize>,
-    /// Observations as given, once some are left out.
-    given: Option<(Vec<ImageObservation>, Vec<BeamObservation>)>,
-}
-
-impl Kept {
-    fn all(problem: &Problem) -> Self {
-        Self {
-            images: (0..problem.images.len()).collect(),
-            beams: (0..problem.beams.len()).collect(),
-            given: None,
-        }
-    }
-
-    fn restore(&mut self, problem: &mut Problem) {
-        if let Some(given) = self.given.take() {
-            (problem.images, problem.beams) = given;
-        }
-    }
-
-    fn retain(&mut self, problem: &mut Problem, keep_images: &[bool], keep_beams: &[bool]) {
-        self.given.get_or_insert_with(|| (problem.images.clone(), problem.beams.clone()));
-        retain(&mut self.images, keep_images);
-        retain(&mut problem.images, keep_images);
-        retain(&mut self.beams, keep_beams);
-        retain(&mut problem.beams, keep_beams);
-    }
-}
-
-fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
-    let mut flags = keep.iter();
-    items.retain(|_| *flags.next().unwrap_or(&true));
-}
-
-fn rounds(
-    problem: &mut Problem,
-    options: &Options,
-    kept: &mut Kept,
-) -> Result<(Fit, usize, f64), AdjustError> {
-    let (mut iterations, mut initial) = (0, None);
-    for round in 1.. {
-        drop_lone_rays(problem, kept);
-        let fit = iterate(problem, options)?;
-        iterations += fit.iterations;
-        let initial_chi2 = *initial.get_or_insert(fit.initial_chi2);
-        let bad = if options.outlier_sigmas.is_finite() && round < ROUNDS {
-            outliers(problem, &fit, options.outlier_sigmas)
-        } else {
-            Vec::new()
-        };
-        if bad.is_empty() {
-            return Ok((fit, iterations, initial_chi2));
-        }
-        let mut images = vec![true; problem.images.len()];
-        let mut beams = vec![true; problem.beams.len()];
-        for observation in bad {
-            match observation {
-                ObservationId::Image(i) => images[i] = false,
-                ObservationId::Beam(i) => beams[i] = false,
-                ObservationId::Control(_) => {}
-            }
-        }
-        kept.retain(problem, &images, &beams);
-    }
-    Err(AdjustError::NoConvergence(iterations))
-}
-
-/// Leaves out the observations of points that one ray alone observes: they say nothing.
-fn drop_lone_rays(problem: &mut Problem, kept: &mut Kept) {
-    let mut rays = vec![0_usize; problem.points.len()];
-    problem.images.iter().for_each(|o| rays[o.point] += 1);
-    problem.beams.iter().for_each(|o| rays[o.point] += 1);
-    problem.controls.iter().for_each(|c| rays[c.point] += 2);
-    problem.held_points.iter().for_each(|p| rays[*p] += 2);
-    if rays.iter().all(|rays| *rays != 1) {
-        return;
-    }
-    let images: Vec<bool> = problem.images.iter().map(|o| rays[o.point] > 1).collect();
-    let beams: Vec<bool> = problem.beams.iter().map(|o| rays[o.point] > 1).collect();
-    kept.retain(problem, &images, &beams);
-}
-
-/// Residuals shorter than this part of the limit, in standard deviations of their observation, are
-/// not looked at: what is as little checked as that cannot be told to be wrong.
-const WORTH_TESTING: f64 = 0.4;
-
-/// The observations that do not fit. Of those beyond the limit only the worse half goes in one
-/// round, and of a point only its worst, since one gross error drags its neighbours along.
-fn outliers(problem: &Problem, fit: &Fit, sigmas: f64) -> Vec<ObservationId> {
-    let from = WORTH_TESTING * sigmas;
-    let rows = Rows::of(problem);
-    let mut linear = Linear::new();
-    let is_long =
-        |observed| rows.linear(observed, &mut linear).is_none() || linear.square() > from * from;
-    let images = (0..problem.images.len()).map(Observed::Image);
-    if !images.chain((0..problem.beams.len()).map(Observed::Beam)).any(is_long) {
-        return Vec::new();
-    }
-    let mut tested = test_observations(problem, &fit.covariance, from);
-    tested.retain(|t| !matches!(t.observation, ObservationId::Control(_)) && t.statistic > sigmas);
-    let worst = tested.iter().map(|t| t.statistic).fold(0.0, f64::max);
-    tested.retain(|t| t.statistic >= worst / 2.0);
-    tested.sort_by(|a, b| b.statistic.total_cmp(&a.statistic));
-    let mut has_lost = vec![false; problem.points.len()];
-    let point = |observation| match observation {
-        ObservationId::Image(i) => problem.images[i].point,
-        ObservationId::Beam(i) => problem.beams[i].point,
-        ObservationId::Control(i) => problem.controls[i].point,
-    };
-    let first = |t: &&super::outliers::Tested| {
-        !std::mem::replace(&mut has_lost[point(t.observation)], true)
-    };
-    tested.iter().filter(first).map(|t| t.observation).collect()
-}
-
-struct Fit {
-    covariance: Covariance,
-    initial_chi2: f64,
-    iterations: usize,
+/// An adjustment of what takes part in one round.
+pub(super) struct Fit {
+    pub covariance: Covariance,
+    pub initial_chi2: f64,
+    pub iterations: usize,
 }
 
 /// A gain of chi squared below this is nothing, whatever chi squared is.
 const NOTHING: f64 = 1e-12;
 
-fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, AdjustError> {
+/// Levenberg-Marquardt until there is nothing left to win.
+pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, AdjustError> {
     let is_free = options.datum == Datum::InnerConstraints;
     let layout = Layout::of(problem, is_free);
     let structure = Structure::of(problem, &layout);

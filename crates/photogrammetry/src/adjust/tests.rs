@@ -1,7 +1,5 @@
 //! Jacobians by finite differences, and the whole against its slope.
 
-#![expect(clippy::unwrap_used, reason = "a test may fail by panicking")]
-
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3, Vector6};
 
 use super::layout::Layout;

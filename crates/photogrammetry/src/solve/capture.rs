@@ -7,11 +7,14 @@ use nalgebra::{Vector2, Vector3};
 use super::by_angles::{self, Dots};
 use super::orient::{Oriented, orient};
 use super::outcome::{
-    LeftOut, add_outliers, add_strays, camera_solutions, dots_in_space, dots_of, pose, residual,
+    LeftOut, add_outliers, add_strays, camera_solutions, dots_in_space, dots_of, misfits, pose,
 };
 use super::points::{RoughModule, Scene, build};
 use super::types::{CaptureSolution, Method, MethodResult, Subject};
-use crate::adjust::{BeamObservation, ModuleStation, Options, Summary, adjust};
+use crate::adjust::{
+    BeamObservation, ModuleStation, ObservationId, Options, Summary, Tested, adjust,
+    test_observations, variance_component,
+};
 use crate::detect::{Dot, Target};
 use crate::identify::{Labelled, View, choose_turn, label_views};
 use crate::pattern::Order;
@@ -117,6 +120,7 @@ fn located(
     }
     let labelled = turned(setup, &scene, &summary, scale.0)?;
     relabel(&mut labels, &mut scene, &labelled);
+    let mut notes = misfits(cameras, &scene, &summary);
     // Outliers found once stay out of what follows.
     let free = remove_outliers(&mut scene, &mut summary);
     let module = labelled.fit.station;
@@ -136,13 +140,17 @@ fn located(
     }
     let (shown, shown_summary) = match virtual_camera {
         Some(Ok((_, scene, summary))) => (scene, summary),
-        _ => (scene, summary),
+        _ => {
+            notes.clear();
+            (scene, summary)
+        }
     };
     let dots = dots_in_space(&shown, &shown_summary);
     let mut solved = camera_solutions(cameras, &shown, &shown_summary);
     add_outliers(&mut solved, cameras, &free, &labelled);
     add_strays(&mut solved, cameras, &labels);
-    Ok(CaptureSolution { cameras: solved, dots, results, notes: Vec::new() })
+    notes.extend(misfits(cameras, &shown, &shown_summary));
+    Ok(CaptureSolution { cameras: solved, dots, results, notes })
 }
 
 fn in_words(error: crate::adjust::AdjustError) -> String {
@@ -178,37 +186,19 @@ fn label(setup: &Setup, cameras: &[Oriented<'_>]) -> Result<Vec<Vec<Option<Order
 /// The variance component of the dots: how many times larger the squares of their residuals are
 /// than their covariances let expect. Speckle that a picture's own noise model does not see whole
 /// (dots of few grains) shows here.
-///
-/// A dot in k cameras has `2 k - 3` redundant coordinates; the cameras take their share of all
-/// redundancy, of that of dots and targets alike.
 fn dot_variance(scene: &Scene, summary: &Summary) -> f64 {
-    let problem = &scene.problem;
-    let used = |i: &usize| summary.outlier_images.binary_search(i).is_err();
-    let mut rays = vec![0_usize; problem.points.len()];
-    let (mut chi2, mut all) = (0.0, 0_usize);
-    for i in (0..problem.images.len()).filter(used) {
-        let o = &problem.images[i];
-        rays[o.point] += 2;
-        if let (Subject::Dot(_), Some(r)) = (scene.subjects[o.point], residual(scene, i)) {
-            chi2 += (r.transpose() * o.information * r).x;
+    let tested = test_observations(&scene.problem, &summary.covariance, 0.0);
+    let is_dot = |t: &&Tested| match t.observation {
+        ObservationId::Image(i) => {
+            matches!(scene.subjects[scene.problem.images[i].point], Subject::Dot(_))
         }
-    }
-    problem.controls.iter().for_each(|c| rays[c.point] += 3);
-    let mut of_dots = 0;
-    for (subject, rows) in scene.subjects.iter().zip(&rays) {
-        let redundant = rows.saturating_sub(3);
-        all += redundant;
-        of_dots += if matches!(subject, Subject::Dot(_)) { redundant } else { 0 };
-    }
-    if of_dots < FEWEST_REDUNDANT {
-        return 1.0;
-    }
-    let share = (summary.redundancy as f64 / all as f64).min(1.0);
-    chi2 / (of_dots as f64 * share)
+        _ => false,
+    };
+    variance_component(tested.iter().filter(is_dot), FEWEST_REDUNDANT).unwrap_or(1.0)
 }
 
 /// With fewer redundant coordinates than this a variance component is mostly chance.
-const FEWEST_REDUNDANT: usize = 40;
+const FEWEST_REDUNDANT: f64 = 40.0;
 
 fn turned(setup: &Setup, scene: &Scene, summary: &Summary, scale: f64) -> Result<Labelled, String> {
     let (_, orders, places) = dots_of(scene, summary);

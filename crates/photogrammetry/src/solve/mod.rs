@@ -6,6 +6,7 @@
 mod by_angles;
 mod capture;
 mod eccentricity;
+mod knocks;
 mod orient;
 mod outcome;
 mod points;
@@ -14,7 +15,7 @@ mod types;
 
 pub use capture::{Sighting, solve_capture};
 pub use eccentricity::circle_image_offset;
-pub use session::{SessionSolution, SolvedCapture, solve_session};
+pub use session::{Knock, SessionSolution, SolvedCapture, solve_session};
 pub use types::{
     CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, StageSeconds,
     Subject,

@@ -8,7 +8,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3};
 use super::orient::Oriented;
 use super::points::Scene;
 use super::types::{CameraSolution, DotInSpace, Observation, Subject};
-use crate::adjust::Summary;
+use crate::adjust::{ObservationId, Summary, test_observations};
 use crate::identify::Labelled;
 use crate::pattern::Order;
 use crate::pose::Station;
@@ -140,4 +140,50 @@ pub(super) fn add_strays(
             solution.strays.extend(unlabelled.map(|(d, _)| [d.point.at.x, d.point.at.y]));
         }
     }
+}
+
+/// Most misfits that are told one by one.
+const TOLD: usize = 4;
+/// A control whose residual is longer than this many of its standard deviations does not fit.
+const CONTROL_LIMIT: f64 = 4.5;
+
+/// The observations that do not fit the rest, in words: those left out, and targets of the artefact
+/// that are not where it says.
+pub(super) fn misfits(cameras: &[Oriented<'_>], scene: &Scene, summary: &Summary) -> Vec<String> {
+    let subject = |subject: Subject| match subject {
+        Subject::Dot(order) => format!("the dot of beam ({}, {})", order.m, order.n),
+        Subject::Target(code) => format!("target {code}"),
+    };
+    let problem = &scene.problem;
+    let mut left_out = summary.left_out.clone();
+    left_out.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let mut told: Vec<String> = left_out
+        .iter()
+        .take(TOLD)
+        .filter_map(|(observation, statistic)| match observation {
+            ObservationId::Image(i) => {
+                let o = &problem.images[*i];
+                let (name, what) = (cameras[o.camera].name, subject(scene.subjects[o.point]));
+                Some(format!("{name}: {what} is {statistic:.1} sigma off; left out"))
+            }
+            ObservationId::Beam(i) => {
+                let what = subject(scene.subjects[problem.beams[*i].point]);
+                Some(format!("{what} is {statistic:.1} sigma off its calibrated beam; left out"))
+            }
+            ObservationId::Control(_) => None,
+        })
+        .collect();
+    if left_out.len() > TOLD {
+        told.push(format!("{} more observations do not fit; left out", left_out.len() - TOLD));
+    }
+    for tested in test_observations(problem, &summary.covariance, CONTROL_LIMIT / 3.0) {
+        if let (ObservationId::Control(i), true) =
+            (tested.observation, tested.statistic > CONTROL_LIMIT)
+        {
+            let what = subject(scene.subjects[problem.controls[i].point]);
+            let by = tested.statistic;
+            told.push(format!("{what} is {by:.1} sigma from its place on the artefact"));
+        }
+    }
+    told
 }

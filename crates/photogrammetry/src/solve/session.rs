@@ -11,8 +11,9 @@ use std::collections::BTreeMap;
 use beampose_core::Pose;
 use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
 
+use super::knocks::unmoved_from;
 use super::outcome::pose;
-use super::types::{CaptureSolution, Method, Subject};
+use super::types::{CameraSolution, CaptureSolution, Method, Subject};
 use crate::adjust::{
     BeamObservation, CameraStation, Control, ImageObservation, InteriorOrientation, ModuleStation,
     Options, Problem, SharedFan, Summary, adjust,
@@ -33,6 +34,15 @@ pub struct SolvedCapture<'a> {
     pub wavelength_nm: Option<f64>,
 }
 
+/// A camera that was knocked: it has an orientation of its own from a capture on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Knock {
+    /// The camera.
+    pub camera: String,
+    /// Index of the first capture after it.
+    pub capture: usize,
+}
+
 /// All poses of a session with their joint covariance.
 #[derive(Debug, Clone)]
 pub struct SessionSolution {
@@ -42,6 +52,8 @@ pub struct SessionSolution {
     pub sigma0: f64,
     /// Observations of images and beams left out.
     pub outliers: usize,
+    /// Cameras that stood or looked otherwise from some capture on.
+    pub knocks: Vec<Knock>,
     modules: Vec<Option<usize>>,
     summary: Summary,
 }
@@ -65,7 +77,9 @@ pub fn solve_session(
     captures: &[SolvedCapture<'_>],
 ) -> Result<SessionSolution, String> {
     let mut builder = Builder::new(setup, captures)?;
-    let modules: Vec<Option<usize>> = captures.iter().map(|c| builder.add_capture(c)).collect();
+    let modules: Vec<Option<usize>> =
+        captures.iter().enumerate().map(|(i, c)| builder.add_capture(i, c)).collect();
+    let knocks = builder.knocks();
     let mut problem = builder.problem;
     let summary = adjust(&mut problem, &Options::default())
         .map_err(|error| format!("the session's adjustment failed: {error}"))?;
@@ -79,7 +93,8 @@ pub fn solve_session(
         })
         .collect();
     let outliers = summary.outlier_images.len() + summary.outlier_beams.len();
-    Ok(SessionSolution { poses, sigma0: summary.sigma0(), outliers, modules, summary })
+    let sigma0 = summary.sigma0();
+    Ok(SessionSolution { poses, sigma0, outliers, knocks, modules, summary })
 }
 
 fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {
@@ -90,7 +105,8 @@ fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {
 struct Builder<'a> {
     setup: &'a Setup,
     problem: Problem,
-    cameras: BTreeMap<&'a str, usize>,
+    /// Per camera its stations: from which capture on, and the index in the problem.
+    cameras: BTreeMap<&'a str, Vec<(usize, usize)>>,
     /// Points of the targets, shared by all captures.
     targets: BTreeMap<u16, usize>,
 }
@@ -104,16 +120,23 @@ impl<'a> Builder<'a> {
         };
         let mut cameras = BTreeMap::new();
         for (name, calibrated) in &setup.cameras {
-            let first = captures.iter().find_map(|c| c.solution.cameras.get(name));
-            let Some(first) = first else { continue };
-            cameras.insert(name.as_str(), problem.cameras.len());
-            problem.cameras.push(CameraStation {
-                station: station(first.position_mm, first.quaternion_wxyz),
-                interior: problem.interiors.len(),
-                is_held: false,
-            });
-            let of_camera = InteriorOrientation::calibrated(calibrated.model, &calibrated.sigma);
-            problem.interiors.push(of_camera);
+            let solutions: Vec<Option<&CameraSolution>> =
+                captures.iter().map(|c| c.solution.cameras.get(name)).collect();
+            let mut stations = Vec::new();
+            for first in unmoved_from(&solutions) {
+                let Some(start) = solutions[first..].iter().flatten().next() else { continue };
+                stations.push((first, problem.cameras.len()));
+                problem.cameras.push(CameraStation {
+                    station: station(start.position_mm, start.quaternion_wxyz),
+                    interior: problem.interiors.len(),
+                    is_held: false,
+                });
+            }
+            if !stations.is_empty() {
+                cameras.insert(name.as_str(), stations);
+                let interior = InteriorOrientation::calibrated(calibrated.model, &calibrated.sigma);
+                problem.interiors.push(interior);
+            }
         }
         if cameras.len() < 2 {
             return Err(format!("{} cameras were oriented in the session", cameras.len()));
@@ -122,7 +145,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Adds a capture's module, dots and observations; the module's index.
-    fn add_capture(&mut self, capture: &SolvedCapture<'_>) -> Option<usize> {
+    fn add_capture(&mut self, index: usize, capture: &SolvedCapture<'_>) -> Option<usize> {
         let solution = capture.solution;
         let of = |method| {
             let result = solution.results.iter().find(|r| r.method == method)?;
@@ -158,13 +181,35 @@ impl<'a> Builder<'a> {
                 });
             }
         }
-        self.add_observations(solution, &dots);
+        self.add_observations(index, solution, &dots);
         Some(module)
     }
 
-    fn add_observations(&mut self, solution: &CaptureSolution, dots: &BTreeMap<Subject, usize>) {
+    /// The station of a camera in a capture.
+    fn camera_at(&self, name: &str, capture: usize) -> Option<usize> {
+        let stations = self.cameras.get(name)?;
+        stations.iter().rev().find(|(first, _)| *first <= capture).map(|(_, index)| *index)
+    }
+
+    fn knocks(&self) -> Vec<Knock> {
+        let later = |(name, stations): (&&str, &Vec<(usize, usize)>)| -> Vec<Knock> {
+            let knock = |(capture, _): &(usize, usize)| Knock {
+                camera: (*name).to_owned(),
+                capture: *capture,
+            };
+            stations.iter().skip(1).map(knock).collect()
+        };
+        self.cameras.iter().flat_map(later).collect()
+    }
+
+    fn add_observations(
+        &mut self,
+        capture: usize,
+        solution: &CaptureSolution,
+        dots: &BTreeMap<Subject, usize>,
+    ) {
         for (name, camera) in &solution.cameras {
-            let Some(&camera_index) = self.cameras.get(name.as_str()) else { continue };
+            let Some(camera_index) = self.camera_at(name, capture) else { continue };
             for o in camera.observations.iter().filter(|o| o.used) {
                 let point = match o.subject {
                     Subject::Dot(_) => dots.get(&o.subject).copied(),

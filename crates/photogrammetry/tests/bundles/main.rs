@@ -1,8 +1,9 @@
 //! Adjustments against what other solvers find on the same data.
 
-#![expect(clippy::unwrap_used, reason = "a test may fail by panicking")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests stop the test")]
 
 mod data;
+mod network;
 
 use beampose_photogrammetry::adjust::{Datum, Options, Problem, adjust};
 

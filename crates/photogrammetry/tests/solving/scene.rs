@@ -180,6 +180,13 @@ impl Laboratory {
         Self { setup, noise, cameras, targets, beams, scale, wavelength_bias }
     }
 
+    /// Moves a camera, mm, and turns it about its own axes, radians.
+    pub fn knock(&mut self, camera: &str, shift: [f64; 3], turn: [f64; 3]) {
+        let (station, _) = self.cameras.get_mut(camera).unwrap();
+        station.centre += Vector3::from(shift);
+        station.rotation *= Rotation3::new(Vector3::from(turn));
+    }
+
     /// What the wavelength meter reads.
     pub fn read_nm(&self) -> f64 {
         658.0 + self.wavelength_bias
@@ -187,10 +194,22 @@ impl Laboratory {
 
     /// One capture with the module `rail` mm along its way back from the wall.
     pub fn capture(&self, seed: u64, rail: f64) -> (BTreeMap<String, Sighting>, Truth) {
+        self.capture_turned(seed, rail, 0.0)
+    }
+
+    /// The same with the module turned about the vertical, degrees.
+    pub fn capture_turned(
+        &self,
+        seed: u64,
+        rail: f64,
+        turn_deg: f64,
+    ) -> (BTreeMap<String, Sighting>, Truth) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9e37_79b9);
         let rotation = from_omega_phi_kappa([4.0_f64, 9.0, 1.5].map(f64::to_radians));
         let forward = rotation * Vector3::z();
         let position = Vector3::new(-420.0, 200.0, 0.0) - forward * (900.0 + rail);
+        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), turn_deg.to_radians());
+        let rotation = UnitQuaternion::from_rotation_matrix(&turn) * rotation;
         let dots: Vec<(Order, Vector3<f64>)> = self
             .beams
             .iter()

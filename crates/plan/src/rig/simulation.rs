@@ -47,10 +47,24 @@ record! {
         direction: At<[f64; 3]>,
         /// How it is turned: omega, phi, kappa.
         rotation_omega_phi_kappa: [Degree; 3],
+        /// The rotary axis that it stands on, if it does; the linear axis carries both.
+        turntable: Option<Turntable>,
         /// How much longer the way is than the axis says, relatively.
         scale_relative: f64,
         /// How the way departs from a straight line.
         straightness: Straightness,
+    }
+}
+
+record! {
+    /// A rotary axis under the module.
+    pub struct Turntable {
+        /// Which.
+        axis: At<InstrumentName>,
+        /// A point on the line that it turns about, in the world, with the linear axis at zero.
+        about: [Millimetre; 3],
+        /// Direction of that line in the world (right-hand rule); of any length.
+        direction: At<[f64; 3]>,
     }
 }
 

@@ -190,7 +190,8 @@ fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &
         }
     }
     let normals = simulation.walls.iter().map(|wall| &wall.value.normal);
-    for direction in normals.chain([&simulation.module.direction]) {
+    let turntable = simulation.module.turntable.iter().map(|turntable| &turntable.direction);
+    for direction in normals.chain([&simulation.module.direction]).chain(turntable) {
         if direction.value == [0.0; 3] {
             reader.fault(direction.mark, "a direction must not be zero");
         }
@@ -198,11 +199,25 @@ fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &
 }
 
 fn carrying_axis(module: &SimulatedModule, instruments: &Instruments, reader: &mut Reader) {
-    let is_axis = |at: &At<Instrument>| matches!(at.value, Instrument::LinearAxis(_));
-    let name = module.axis.value.as_str();
+    let is_linear = |at: &At<Instrument>| matches!(at.value, Instrument::LinearAxis(_));
+    let is_rotary = |at: &At<Instrument>| matches!(at.value, Instrument::RotaryAxis(_));
+    named_axis(&module.axis, "linear", &is_linear, instruments, reader);
+    if let Some(turntable) = &module.turntable {
+        named_axis(&turntable.axis, "rotary", &is_rotary, instruments, reader);
+    }
+}
+
+fn named_axis(
+    axis: &At<InstrumentName>,
+    kind: &str,
+    is_axis: &dyn Fn(&At<Instrument>) -> bool,
+    instruments: &Instruments,
+    reader: &mut Reader,
+) {
+    let name = axis.value.as_str();
     if !name.is_empty() && !instruments.get(name).is_some_and(is_axis) {
         let axes = instruments.iter().filter(|(_, at)| is_axis(at)).map(|(name, _)| name.as_str());
         let help = suggest::help(name, axes);
-        reader.fault_help(module.axis.mark, format!("no linear axis `{name}`"), help);
+        reader.fault_help(axis.mark, format!("no {kind} axis `{name}`"), help);
     }
 }
