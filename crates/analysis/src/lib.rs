@@ -7,6 +7,7 @@
 //! To add an experiment's analysis: a module beside [`mod@translation`] with its input, its
 //! serialisable result and a verdict, a field in [`ReportInput`], a section in `report`.
 
+mod calibration_export;
 mod export;
 mod fit;
 mod numbers;
@@ -15,9 +16,13 @@ pub mod score;
 pub mod translation;
 mod verdict;
 
+pub use calibration_export::{calibration_json, stability_json};
 pub use export::{json, poses_csv, positions_csv};
 pub use fit::LineFit;
-pub use report::{ReportInput, html};
+pub use report::{
+    CalibrationReport, InputFile, LeftOut, ReportInput, calibration_html, html, stability_html,
+    stability_verdict,
+};
 pub use score::{MethodScore, ScoredCapture, Truth, score};
 pub use translation::{
     DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,

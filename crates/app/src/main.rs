@@ -2,6 +2,7 @@
 //! uncertainties. This crate is the rim: files, terminal, wiring. What it wires knows nothing of it.
 
 mod calibration;
+mod camera_calibration;
 mod cli;
 mod conduct;
 mod exchange;

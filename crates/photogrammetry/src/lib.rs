@@ -6,6 +6,7 @@
 //! top-left pixel is (0, 0), x right, y down. Camera and module frames: x right, y down, z forward.
 
 pub mod adjust;
+pub mod calibrate;
 pub mod camera;
 pub mod detect;
 pub mod identify;
@@ -13,6 +14,7 @@ pub mod image;
 pub mod initial;
 pub mod pattern;
 pub mod pose;
+pub mod print;
 pub mod rotation;
 pub mod scene;
 pub mod solve;

@@ -19,7 +19,7 @@ pub fn fields(input: &ReportInput, capture: &ReportCapture) -> Markup {
     // One magnification for all cameras, so that they can be compared.
     let scale = magnification(solution.cameras.iter().flat_map(|(name, camera)| {
         let width = frame(input, name, camera)[0];
-        camera.observations.iter().map(move |o| (o, width))
+        camera.observations.iter().filter(|o| o.used).map(move |o| (o.residual, width))
     }));
     html! {
         div.fields {
@@ -59,35 +59,62 @@ fn frame(input: &ReportInput, name: &str, camera: &CameraSolution) -> [f64; 2] {
 }
 
 /// Length of the scale bar in pixels of residual, and how many times residuals are magnified.
-struct Magnification {
+pub struct Magnification {
     bar_px: f64,
     times: f64,
 }
 
-/// Round numbers such that the larger residuals become about a twentieth of the drawing; outliers
-/// may be longer.
-fn magnification<'a>(observations: impl Iterator<Item = (&'a Observation, f64)>) -> Magnification {
-    let used = observations.filter(|(o, _)| o.used).map(|(o, width)| {
-        let length = o.residual[0].hypot(o.residual[1]);
+/// Round numbers such that the larger residuals, given each with the width of its picture, become
+/// about a twentieth of the drawing; outliers may be longer.
+pub fn magnification(residuals: impl Iterator<Item = ([f64; 2], f64)>) -> Magnification {
+    let lengths = residuals.map(|(residual, width)| {
+        let length = residual[0].hypot(residual[1]);
         (length, length / width)
     });
-    let mut lengths: Vec<(f64, f64)> = used.filter(|l| l.1.is_finite() && l.0 > 0.0).collect();
+    let mut lengths: Vec<(f64, f64)> = lengths.filter(|l| l.1.is_finite() && l.0 > 0.0).collect();
     lengths.sort_by(|a, b| a.1.total_cmp(&b.1));
     let (length, share) = lengths.get(lengths.len() * 95 / 100).copied().unwrap_or((1.0, 1e-3));
     Magnification { bar_px: nice_step(length), times: nice_step(0.03 / share) }
 }
 
+/// A residual and how it is drawn.
+pub struct Arrow {
+    /// Where, pixels.
+    pub at: [f64; 2],
+    /// Observed minus computed, pixels.
+    pub residual: [f64; 2],
+    /// CSS classes.
+    pub class: &'static str,
+}
+
 fn drawing(name: &str, camera: &CameraSolution, size: [f64; 2], scale: &Magnification) -> Markup {
+    let arrows = camera.observations.iter().map(|o| {
+        let class = match (o.used, o.subject) {
+            (false, _) => "arrow rejected",
+            (true, Subject::Target(_)) => "arrow of-target",
+            (true, Subject::Dot(_)) => "arrow",
+        };
+        Arrow { at: o.at, residual: o.residual, class }
+    });
+    vectors(&format!("residual vectors of camera {name}"), size, arrows, scale)
+}
+
+/// Residual vectors in a frame of the picture's size in pixels, with a scale bar.
+pub fn vectors(
+    title: &str,
+    size: [f64; 2],
+    arrows: impl Iterator<Item = Arrow>,
+    scale: &Magnification,
+) -> Markup {
     let shrink = WIDTH / size[0];
     let height = size[1] * shrink;
     let view = format!("0 0 {} {}", at(WIDTH), at(height + FOOT));
-    let title = format!("residual vectors of camera {name}");
     let bar = scale.bar_px * scale.times * shrink;
     html! {
         svg viewBox=(view) role="img" aria-label=(title) {
             title { (title) }
             rect.frame x="1" y="1" width=(at(WIDTH - 2.0)) height=(at(height - 2.0)) {}
-            @for o in &camera.observations { (arrow(o, shrink, scale)) }
+            @for one in arrows { (arrow(&one, shrink, scale)) }
             path.bar d=(format!("M1 {y}v-6m0 3h{w}m0 -3v6", y = at(height + 21.0), w = at(bar))) {}
             text x=(at(bar + 8.0)) y=(at(height + 22.0)) {
                 (short(scale.bar_px)) " px, magnified " (short(scale.times)) " ×"
@@ -101,19 +128,14 @@ fn short(number: f64) -> String {
     format!("{}", (number * 1e9).round() / 1e9)
 }
 
-fn arrow(observation: &Observation, shrink: f64, scale: &Magnification) -> Markup {
-    let foot = observation.at.map(|v| (v + 0.5) * shrink);
-    let tip = [0, 1].map(|i| foot[i] + observation.residual[i] * scale.times * shrink);
+fn arrow(arrow: &Arrow, shrink: f64, scale: &Magnification) -> Markup {
+    let foot = arrow.at.map(|v| (v + 0.5) * shrink);
+    let tip = [0, 1].map(|i| foot[i] + arrow.residual[i] * scale.times * shrink);
     if !(tip[0].is_finite() && tip[1].is_finite()) {
         return html! {};
     }
-    let class = match (observation.used, observation.subject) {
-        (false, _) => "arrow rejected",
-        (true, Subject::Target(_)) => "arrow of-target",
-        (true, Subject::Dot(_)) => "arrow",
-    };
     html! {
-        path class=(class) d=(format!("M{} {}L{} {}", at(foot[0]), at(foot[1]), at(tip[0]), at(tip[1]))) {}
+        path class=(arrow.class) d=(format!("M{} {}L{} {}", at(foot[0]), at(foot[1]), at(tip[0]), at(tip[1]))) {}
         circle.foot cx=(at(foot[0])) cy=(at(foot[1])) r="1.2" {}
     }
 }

@@ -5,6 +5,7 @@
 //! Does not read the store, choose what to show, or know the time.
 
 mod axis;
+mod calibration;
 mod environment;
 mod field;
 mod input;
@@ -13,13 +14,16 @@ mod picture;
 mod plot;
 mod plots;
 mod provenance;
+mod stability;
 mod style;
 mod summary;
 mod tables;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
+pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
 pub use input::{Provenance, ReportCapture, ReportInput, ReportPicture, Trace};
+pub use stability::{stability_html, verdict as stability_verdict};
 
 /// Width in pixels to which pictures are reduced.
 pub const PICTURE_WIDTH: usize = 1000;
@@ -27,6 +31,24 @@ pub const PICTURE_WIDTH: usize = 1000;
 /// The report as one self-contained HTML page: no scripts, no external resources.
 #[must_use]
 pub fn html(input: &ReportInput) -> String {
+    let body = markup! {
+        (summary::header(input))
+        (summary::verdict(input))
+        (translation(input))
+        (scores(input))
+        (pictures(input))
+        (residuals(input))
+        (poses(input))
+        section { h2 { "Environment" } (environment::environment(input)) }
+        section { h2 { "Computing time" } (environment::stages(input)) }
+        section { h2 { "Notes and failures" } (provenance::notes(input)) }
+        section { h2 { "Provenance" } (provenance::provenance(&input.provenance)) }
+    };
+    page(&format!("{} · {}", input.title, input.verdict.as_str()), &body)
+}
+
+/// A whole page around its sections.
+fn page(title: &str, body: &Markup) -> String {
     let page = markup! {
         (DOCTYPE)
         html lang="en" {
@@ -34,22 +56,10 @@ pub fn html(input: &ReportInput) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (input.title) " · " (input.verdict.as_str()) }
+                title { (title) }
                 style { (PreEscaped(style::CSS)) }
             }
-            body { main {
-                (summary::header(input))
-                (summary::verdict(input))
-                (translation(input))
-                (scores(input))
-                (pictures(input))
-                (residuals(input))
-                (poses(input))
-                section { h2 { "Environment" } (environment::environment(input)) }
-                section { h2 { "Computing time" } (environment::stages(input)) }
-                section { h2 { "Notes and failures" } (provenance::notes(input)) }
-                section { h2 { "Provenance" } (provenance::provenance(&input.provenance)) }
-            } }
+            body { main { (body) } }
         }
     };
     page.into_string()

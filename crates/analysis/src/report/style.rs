@@ -99,6 +99,10 @@ ul.legend.on-picture svg.key { background: #2b2b2b; border-radius: 2px; }
 .field .foot { fill: var(--muted); }
 .field .bar { stroke: var(--ink); stroke-width: 1.4; fill: none; }
 .field text { fill: var(--ink); font-size: 15px; }
+.coverage svg { width: 100%; max-width: 34rem; height: auto; }
+.coverage rect { fill: var(--m1); stroke: var(--rule); stroke-width: 1; }
+.coverage text { fill: var(--ink); font-size: 12px; }
+td.high { color: var(--m0); font-weight: 600; }
 .stages rect { stroke: var(--paper); stroke-width: 1; }
 .t0 { fill: #8a949e; } .t1 { fill: #1d6a8a; } .t2 { fill: #b98a1f; } .t3 { fill: #7d4a86; }
 .stages svg { width: 100%; height: 26px; }

@@ -1,6 +1,7 @@
 //! Analysis and report through their public face, on constructed data with known answers.
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests: they fail by panicking")]
 
+mod calibration;
 mod export;
 mod report;
 mod score;

@@ -15,7 +15,7 @@ const VOID: [&str; 4] = ["meta", "br", "link", "img"];
 
 /// Every tag is closed in order, nothing is loaded from elsewhere, nothing is not a number.
 #[track_caller]
-fn check(page: &str) {
+pub fn check(page: &str) {
     let mut open: Vec<&str> = Vec::new();
     for part in page.split('<').skip(1) {
         let (tag, _) = part.split_once('>').unwrap_or_else(|| panic!("no end of <{part}"));

@@ -1,5 +1,6 @@
 //! The command line. Each command is a file here and a line in `Command`.
 
+mod calibrate;
 mod check;
 mod export;
 mod import;
@@ -9,6 +10,7 @@ mod run;
 mod score;
 pub mod sessions;
 mod solve;
+mod targets;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -62,6 +64,8 @@ enum Command {
     Solve(solve::Solve),
     Report(report::Report),
     Score(score::Score),
+    Calibrate(calibrate::Calibrate),
+    Targets(targets::Targets),
 }
 
 /// Which database.
@@ -155,6 +159,8 @@ pub fn main() -> ExitCode {
     log(cli.verbose);
     let ended = match cli.command {
         Command::Check(check) => check.execute(),
+        Command::Calibrate(calibrate) => calibrate.execute(),
+        Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Resume(resume) => with_runtime(resume.execute()),
         Command::Sessions(sessions) => with_runtime(sessions.execute()),

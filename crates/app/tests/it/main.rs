@@ -5,6 +5,9 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests stop the test")]
 
 mod bad_input;
+mod calibrating;
+#[path = "../../../photogrammetry/tests/calibrating/draw.rs"]
+mod draw;
 mod exchange;
 mod lab;
 mod other_pictures;

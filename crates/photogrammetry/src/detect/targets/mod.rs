@@ -99,6 +99,52 @@ fn keep(targets: &mut Vec<Target>, target: Target) {
     }
 }
 
+/// A disc without regard to what is around it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlainDisc {
+    /// The ellipse's centre.
+    pub(crate) point: ImagePoint,
+    /// Semi-axes (large, small), pixels.
+    pub(crate) semi_axes: [f64; 2],
+    /// Disc minus ground, grey levels: below zero for a dark disc.
+    pub(crate) contrast: f64,
+}
+
+/// Every disc of a picture, coded or not, from top to bottom: for sheets of plain dots.
+pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Vec<PlainDisc> {
+    let mut known: Vec<Ellipse> = Vec::new();
+    let mut discs = Vec::new();
+    candidates::each_chord(image, typical_noise(image), options, |chord| {
+        let place = Vector2::new(chord.x, chord.y);
+        if known.iter().rev().take(REFUSED_KEPT).any(|other| other.has_chord(&place, chord.width)) {
+            return;
+        }
+        let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
+        if known.iter().rev().any(|other| other.is_near(&ellipse)) {
+            return;
+        }
+        known.push(ellipse);
+        let Some(EdgeFit { ellipse, levels, covariance }) = edge_fit::fit(image, &ellipse) else {
+            return;
+        };
+        if is_wanted(&ellipse, levels.contrast(), options) {
+            let point = ImagePoint { at: ellipse.centre, covariance };
+            let contrast = levels.disc - levels.ground;
+            discs.push(PlainDisc { point, semi_axes: ellipse.semi_axes(), contrast });
+        }
+    });
+    discs
+}
+
+/// Whether size, tilt and contrast are those of a disc that is looked for.
+fn is_wanted(ellipse: &Ellipse, contrast: f64, options: &TargetOptions) -> bool {
+    let [large, small] = ellipse.semi_axes();
+    small >= options.min_semi_axis
+        && large <= options.max_semi_axis
+        && large <= options.max_axis_ratio * small
+        && contrast >= options.min_contrast
+}
+
 /// Whether a code serves well: canonical, different from all its own rotations, and with at least
 /// four changes around the ring, so that no stray mark beside a disc can pass for it.
 #[must_use]
