@@ -5,6 +5,7 @@
 
 mod background;
 mod dots;
+mod lanes;
 mod targets;
 #[cfg(test)]
 mod testing;

@@ -10,19 +10,25 @@ mod covariance;
 mod fit;
 mod gaussian;
 mod grains;
+mod moments;
 mod noise;
 mod rough;
 mod scan;
 mod shape;
 #[cfg(test)]
 mod tests;
+mod weighting;
+mod window;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Dot, DotQuality, ImagePoint, Target};
 use crate::image::GrayImage;
 use components::Candidate;
-use fit::{Fit, FitLimits};
+use fit::{Fit, FitLimits, Rest};
+
+/// Rounds of noise and fits in turns; two do for clean pictures, speckle needs more.
+const ROUNDS: usize = 4;
 
 /// What counts as a dot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -129,7 +135,7 @@ pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
     let mut fits = first_fits(image, &scanned.candidates, &start, &limits);
     let noise = match options.noise {
         Some(known) => {
-            fits = refit(image, &fits, &known, &limits);
+            fits = refit(image, &fits, &known, &limits, Rest::Fully);
             known
         }
         None => refine_noise(image, &mut fits, &start, &limits),
@@ -176,23 +182,31 @@ fn refine_noise(
     limits: &FitLimits,
 ) -> NoiseModel {
     let mut noise = *start;
-    for round in 0..4 {
+    for round in 0..ROUNDS {
         let next = noise::estimate(image, fits, &noise);
         let is_settled = round > 0 && next.is_near(&noise);
         noise = next;
-        *fits = refit(image, fits, &noise, limits);
+       
         if is_settled {
             break;
         }
+        *fits = refit(image, fits, &noise, limits, Rest::Roughly);
     }
+    *fits = refit(image, fits, &noise, limits, Rest::Fully);
     NoiseModel {
         background_correlation: rough::background_correlation(image, fits, &noise),
         ..noise
     }
 }
 
-fn refit(image: &GrayImage, fits: &[Fit], noise: &NoiseModel, limits: &FitLimits) -> Vec<Fit> {
-    fits.iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits)).collect()
+fn refit(
+    image: &GrayImage,
+    fits: &[Fit],
+    noise: &NoiseModel,
+    limits: &FitLimits,
+    rest: Rest,
+) -> Vec<Fit> {
+    fits.iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits, rest)).collect()
 }
 
 /// The dot of a fit, unless its centre is worth nothing.

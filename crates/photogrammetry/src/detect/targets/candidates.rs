@@ -4,7 +4,7 @@
 //! least half as wide as the chord on either side. Rows are compared with themselves three pixels
 //! on, block by block, which the compiler does 16 pixels at a time.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::TargetOptions;
 use super::ellipse::Ellipse;
@@ -120,7 +120,7 @@ fn steepest(near: &[u8], far: &[u8]) -> u8 {
 }
 
 /// The half-way level between disc and ground, and on which side of it the disc is.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 struct Threshold {
     level: f64,
     is_light: bool,
@@ -133,8 +133,25 @@ impl Threshold {
     }
 }
 
-/// The ellipse through the edge around a chord, roughly.
-pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -> Option<Ellipse> {
+/// An area that may be a disc, by its extent along row and column through its middle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Blob {
+    centre: Vector2<f64>,
+    /// Half its width and height, pixels.
+    half: Vector2<f64>,
+    threshold: Threshold,
+}
+
+impl Blob {
+    /// Whether another chord led to the same area, to the pixels of the walks.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        (self.centre - other.centre).amax() < 1.3 && (self.half - other.half).amax() < 1.3
+    }
+}
+
+/// The area around a chord: walks along column and row from edge to edge, in whole pixels, each
+/// from the middle of the one before.
+pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) -> Option<Blob> {
     let at = |x: f64| sample(image, x, chord.y);
     let disc = at(chord.x)?;
     let outside = 0.5 + 0.6 * QUIET;
@@ -144,28 +161,65 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
         return None;
     }
     let threshold = Threshold { level: 0.5 * (disc + ground), is_light: disc > ground };
-    let reach = 1.1 * options.max_semi_axis;
-    let mut centre = Vector2::new(chord.x, chord.y);
-    let mut size = Vector2::new(0.5 * chord.width, 0.0);
-    for axis in [1, 0, 1, 0, 1] {
-        let mut direction = Vector2::zeros();
-        direction[axis] = 1.0;
-        let forward = ray(image, &centre, &direction, 2.0 * reach, threshold)?;
-        let backward = ray(image, &centre, &-direction, 2.0 * reach, threshold)?;
-        centre[axis] += 0.5 * (forward - backward);
-        size[axis] = 0.5 * (forward + backward);
+    let mut centre = [chord.x.round() as usize, chord.y as usize];
+    let mut half = Vector2::zeros();
+    for axis in [1, 0, 1] {
+        let [first, last] = walk(image, centre, axis, options, threshold)?;
+        centre[axis] = usize::midpoint(first, last);
+        half[axis] = 0.5 * (last + 1 - first) as f64;
     }
-    if size.max() > reach || size.min() < 0.7 * options.min_semi_axis {
+    let centre = Vector2::new(centre[0] as f64, centre[1] as f64);
+    (half.min() > 0.7 * options.min_semi_axis).then_some(Blob { centre, half, threshold })
+}
+
+/// First and last pixel inside along a column (axis 1) or row (axis 0); `None` where the area goes
+/// on beyond reach or border, or the quiet zone around it is too narrow.
+fn walk(
+    image: &GrayImage,
+    from: [usize; 2],
+    axis: usize,
+    options: &TargetOptions,
+    threshold: Threshold,
+) -> Option<[usize; 2]> {
+    let (stride, size) = [(1, image.width), (image.width, image.height)][axis];
+    let origin = from[1] * image.width + from[0] - from[axis] * stride;
+    let is_inside = |at: usize| threshold.inside(f64::from(image.data[origin + at * stride])) > 0.0;
+    let reach = (2.2 * options.max_semi_axis) as usize;
+    let (mut first, mut last) = (from[axis], from[axis]);
+    if last >= size || !is_inside(last) {
         return None;
     }
-    let mut points = Vec::with_capacity(RAYS);
-    for i in 0..RAYS {
-        let (sin, cos) = (std::f64::consts::TAU * i as f64 / RAYS as f64).sin_cos();
-        let direction = Vector2::new(cos, sin);
-        let length = ray(image, &centre, &direction, 1.5 * reach, threshold)?;
-        points.push(centre + direction * length);
+    while is_inside(first.checked_sub(1)?) {
+        first -= 1;
+        if last - first > reach {
+            return None;
+        }
     }
-    let ellipse = Ellipse::through(&points, centre)?;
+    while last + 1 < size && is_inside(last + 1) {
+        last += 1;
+        if last - first > reach {
+            return None;
+        }
+    }
+    let quiet = (QUIET * (last + 1 - first) as f64) as usize + 1;
+    let is_quiet =
+        last + quiet < size && !is_inside(last + quiet) && !is_inside(first.checked_sub(quiet)?);
+    is_quiet.then_some([first, last])
+}
+
+/// The ellipse through the edge of an area, roughly.
+pub(super) fn trace(image: &GrayImage, blob: &Blob, options: &TargetOptions) -> Option<Ellipse> {
+    let reach = 1.1 * options.max_semi_axis;
+    let mut points = Vec::with_capacity(RAYS);
+    let (sin, cos) = (std::f64::consts::TAU / RAYS as f64).sin_cos();
+    let turn = Matrix2::new(cos, -sin, sin, cos);
+    let mut direction = Vector2::new(1.0, 0.0);
+    for _ in 0..RAYS {
+        let length = ray(image, &blob.centre, &direction, 1.5 * reach, blob.threshold)?;
+        points.push(blob.centre + direction * length);
+        direction = turn * direction;
+    }
+    let ellipse = Ellipse::through(&points, blob.centre)?;
     let [large, small] = ellipse.semi_axes();
     let misfit =
         points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
@@ -175,7 +229,8 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
 }
 
 /// Distance from inside to the edge along a direction, pixels; `None` where there is none within
-/// reach or inside the picture.
+/// reach or inside the picture. Whole pixels are looked at up to the edge, and its place is then
+/// interpolated.
 fn ray(
     image: &GrayImage,
     from: &Vector2<f64>,
@@ -183,21 +238,45 @@ fn ray(
     reach: f64,
     threshold: Threshold,
 ) -> Option<f64> {
-    let mut before = threshold.inside(sample(image, from.x, from.y)?);
-    if before <= 0.0 {
-        return None;
-    }
     let mut length = 1.0;
     while length <= reach {
         let at = from + direction * length;
-        let here = threshold.inside(sample(image, at.x, at.y)?);
-        if here <= 0.0 {
-            return Some(length - 1.0 + before / (before - here));
+        if !(at.x >= 0.0 && at.y >= 0.0) {
+            return None;
         }
-        before = here;
+        let (x, y) = ((at.x + 0.5) as usize, (at.y + 0.5) as usize);
+        if x >= image.width || y >= image.height {
+            return None;
+        }
+        if threshold.inside(f64::from(image.data[y * image.width + x])) <= 0.0 {
+            return cross(image, from, direction, length, threshold);
+        }
         length += 1.0;
     }
     None
+}
+
+/// Where the edge is next to a length at which the nearest pixel was outside.
+fn cross(
+    image: &GrayImage,
+    from: &Vector2<f64>,
+    direction: &Vector2<f64>,
+    length: f64,
+    threshold: Threshold,
+) -> Option<f64> {
+    let inside = |length: f64| {
+        let at = from + direction * length;
+        Some(threshold.inside(sample(image, at.x, at.y)?))
+    };
+    let mut before = inside(length - 1.0)?;
+    for step in 0..3 {
+        let here = inside(length + f64::from(step))?;
+        if before > 0.0 && here <= 0.0 {
+            return Some(length + f64::from(step) - 1.0 + before / (before - here));
+        }
+        before = here;
+    }
+    Some(length - 0.5)
 }
 
 /// Grey value between pixels, bilinear; `None` outside.

@@ -5,6 +5,7 @@
 //! ring is read through the ellipse's affine map ([`decode`]). A code that is not clear is refused.
 //! Not corrected here: the eccentricity of circle images and lens distortion.
 
+mod band;
 mod candidates;
 mod decode;
 mod edge_fit;
@@ -19,11 +20,12 @@ use super::background::typical_noise;
 use super::{ImagePoint, Target};
 use crate::image::GrayImage;
 use crate::scene::{RING_BITS, canonical_code, ring_sectors};
+use candidates::{Blob, Chord};
 use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
-/// Refused discs that are remembered, so that their next chord is not measured again.
-const REFUSED_KEPT: usize = 128;
+/// Areas that are remembered, so that their next chord is not looked at again.
+const TRIED_KEPT: usize = 128;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -60,31 +62,38 @@ impl Default for TargetOptions {
 #[must_use]
 pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
     let noise = typical_noise(image);
-    let mut targets: Vec<Target> = Vec::new();
-    let mut refused: Vec<Ellipse> = Vec::new();
-    candidates::each_chord(image, noise, options, |chord| {
+    let mut search = Search { image, options, targets: Vec::new(), tried: Vec::new() };
+    candidates::each_chord(image, noise, options, |chord| search.look(&chord));
+    search.targets
+}
+
+/// What was found so far.
+struct Search<'a> {
+    image: &'a GrayImage,
+    options: &'a TargetOptions,
+    targets: Vec<Target>,
+    /// Areas that were looked at, targets or not: every disc has many chords.
+    tried: Vec<Blob>,
+}
+
+impl Search<'_> {
+    /// Measures what is around a chord, unless it was before.
+    fn look(&mut self, chord: &Chord) {
         let place = Vector2::new(chord.x, chord.y);
-        if targets.iter().any(|target| target.covers(&place, 1.0))
-            || refused
-                .iter()
-                .rev()
-                .take(REFUSED_KEPT)
-                .any(|other| other.has_chord(&place, chord.width))
-        {
+        if self.targets.iter().any(|target| target.covers(&place, 1.0)) {
             return;
         }
-        let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
-        if targets.iter().any(|target| target.covers(&ellipse.centre, 1.0))
-            || refused.iter().rev().take(REFUSED_KEPT).any(|other| other.is_near(&ellipse))
-        {
+        let Some(blob) = candidates::blob(self.image, chord, self.options) else { return };
+        if self.tried.iter().rev().take(TRIED_KEPT).any(|other| other.is_same(&blob)) {
             return;
         }
-        match measure(image, &ellipse, options) {
-            Some(target) => keep(&mut targets, target),
-            None => refused.push(ellipse),
+        self.tried.push(blob);
+        if let Some(ellipse) = candidates::trace(self.image, &blob, self.options)
+            && let Some(target) = measure(self.image, &ellipse, self.options)
+        {
+            keep(&mut self.targets, target);
         }
-    });
-    targets
+    }
 }
 
 /// Adds a target, unless it lies on another that is more plainly one: rings do not overlap, so one
