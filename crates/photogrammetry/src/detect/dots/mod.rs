@@ -186,7 +186,7 @@ fn refine_noise(
         let next = noise::estimate(image, fits, &noise);
         let is_settled = round > 0 && next.is_near(&noise);
         noise = next;
-       
+
         if is_settled {
             break;
         }

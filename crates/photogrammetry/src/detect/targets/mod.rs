@@ -150,8 +150,12 @@ impl Target {
     /// target: 1 is the disc's edge, 3 the outer edge of the ring.
     #[must_use]
     pub fn covers(&self, at: &Vector2<f64>, radii: f64) -> bool {
-        let (sin, cos) = self.angle.sin_cos();
         let offset = at - self.point.at;
+        // Most places are nowhere near.
+        if offset.amax() > radii * self.semi_axes[0] {
+            return false;
+        }
+        let (sin, cos) = self.angle.sin_cos();
         let along = (offset.x * cos + offset.y * sin) / self.semi_axes[0];
         let across = (offset.y * cos - offset.x * sin) / self.semi_axes[1];
         along.hypot(across) < radii
