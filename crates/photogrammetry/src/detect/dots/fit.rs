@@ -20,7 +20,9 @@ const MAX_STEPS: usize = 30;
 /// A fit rests when the last step lowered the sum of squares by less than this: by a twentieth of
 /// the parameters' standard uncertainty (squared). The next step would be far smaller.
 const SETTLED: f64 = 2.5e-3;
-/// Likewise where the noise is not known yet.
+/// ... or, after ten steps, when the centre moved by less than this, pixels.
+const RESTING: f64 = 0.01;
+/// As `SETTLED` where the noise is not known yet.
 const ROUGHLY_SETTLED: f64 = 0.5;
 
 /// What a fit may become.
@@ -84,6 +86,9 @@ pub(super) fn fit_candidate(
     // Twice: the first window comes from a threshold, the second from a fit.
     fit = iterate(image, fit, noise, Clipping::None, Rest::Roughly)?;
     fit.window = window_of(image, &fit.gaussian)?;
+    // A full area under a model that does not reach it is a bright speckle grain.
+    let peak = fit.gaussian.background + fit.gaussian.amplitude;
+    fit.is_saturated &= peak > f64::from(SATURATED);
     fit = iterate(image, fit, noise, Clipping::Skirt, Rest::Roughly)?;
     limits.accept(&fit.gaussian, noise, image).then_some(fit)
 }
@@ -174,10 +179,9 @@ fn iterate(
         if !(fit.gaussian.x - before.x).is_finite() || fit.gaussian.sigma()[0] > 4.0 * reach {
             return None;
         }
-        // A pixel at the limit of clipping may come and go for ever; what it moves is far below the
-        // uncertainty.
-        let slack = if count < 10 { 1.0 } else { 100.0 };
-        if step.dot(&right) < slack * settled {
+        // A pixel at the limit of clipping may come and go for ever; then the centre alone counts.
+        let moved = (fit.gaussian.x - before.x).hypot(fit.gaussian.y - before.y);
+        if step.dot(&right) < settled || (count >= 10 && moved < RESTING) {
             return Some(fit);
         }
     }

@@ -48,17 +48,19 @@ struct Lag {
 }
 
 /// The grain area whose Gaussian autocorrelation `exp(-pi d^2 / g)` agrees best with the products
-/// of neighbouring relative residuals; 1 where grains are fainter than the noise.
+/// of neighbouring relative residuals; 1 where grains are fainter than the noise. Pixels whose model
+/// is above `brightest`, grey levels, are cut by the picture's range and say nothing. `noise` is the
+/// new one, `present` that of the fits.
 pub(super) fn grain_area<'a>(
     image: &GrayImage,
     fits: impl Iterator<Item = &'a Fit>,
-    noise: &NoiseModel,
-    present: &NoiseModel,
+    [noise, present]: [&NoiseModel; 2],
+    brightest: f64,
 ) -> f64 {
     let mut lags = [Lag::default(); LAGS.len()];
     for fit in fits {
         if noise.speckle_contrast * fit.gaussian.amplitude > noise.read_noise {
-            if let Some(core) = Core::of(image, fit, noise, present) {
+            if let Some(core) = Core::of(image, fit, [noise, present], brightest) {
                 core.add_lags(&mut lags);
             }
         }
@@ -119,18 +121,24 @@ fn factor(fit: &Fit) -> Option<Factor> {
 }
 
 impl Core {
-    fn of(image: &GrayImage, fit: &Fit, noise: &NoiseModel, present: &NoiseModel) -> Option<Self> {
+    fn of(
+        image: &GrayImage,
+        fit: &Fit,
+        [noise, present]: [&NoiseModel; 2],
+        brightest: f64,
+    ) -> Option<Self> {
         let least = (CORE * fit.gaussian.amplitude).max(CORE_IN_NOISE * noise.read_noise);
         let window = fit.window.core(&fit.gaussian, least)?;
+        let limits = [least, brightest].map(|limit| limit as f32);
         let factor = factor(fit)?;
         let stride = (window.padded_width() + MOST_LAG).next_multiple_of(LANES);
         let size = stride * (window.y[1] - window.y[0]);
         let mut core = Self { stride, size, planes: vec![0.0; size * PLANES] };
         let mut first = 0;
-        let [noise, present] = [noise, present].map(Variance::new);
-        window.walk(image, &fit.gaussian, &fit.weighting(present.noise), |row| {
+        let variances = [&Variance::new(noise), &Variance::new(present)];
+        window.walk(image, &fit.gaussian, &fit.weighting(present), |row| {
             for at in (0..row.u.len()).step_by(LANES) {
-                let values = bright(row, at, least as f32, &factor, [&noise, &present]);
+                let values = bright(row, at, limits, &factor, variances);
                 for (plane, value) in core.planes.chunks_exact_mut(size).zip(values) {
                     plane[first + at..first + at + LANES].copy_from_slice(&value.0);
                 }
@@ -162,17 +170,15 @@ impl Core {
 }
 
 /// A noise's variance of a pixel, in single precision.
-struct Variance<'a> {
-    noise: &'a NoiseModel,
+struct Variance {
     read: f32,
     photon: f32,
     speckle: f32,
 }
 
-impl<'a> Variance<'a> {
-    fn new(noise: &'a NoiseModel) -> Self {
+impl Variance {
+    fn new(noise: &NoiseModel) -> Self {
         Self {
-            noise,
             read: noise.read_noise.powi(2) as f32,
             photon: noise.photon_gain as f32,
             speckle: noise.speckle_contrast.powi(2) as f32,
@@ -188,15 +194,16 @@ impl<'a> Variance<'a> {
 fn bright(
     row: &Row,
     at: usize,
-    least: f32,
+    [least, most]: [f32; 2],
     factor: &Factor,
     [noise, present]: [&Variance; 2],
 ) -> [Lanes; PLANES] {
     let lanes = |values: &[f32]| Lanes::from_slice(&values[at..at + LANES]);
     let (u, f, e, w) = (lanes(row.u), lanes(row.f), lanes(row.e), lanes(row.w));
     let v = Lanes::all(row.v);
-    let mask =
-        Lanes(std::array::from_fn(|l| if (f.0[l] > least) & (w.0[l] > 0.0) { 1.0 } else { 0.0 }));
+    let mask = Lanes(std::array::from_fn(|l| {
+        if (f.0[l] > least) & (f.0[l] < most) & (w.0[l] > 0.0) { 1.0 } else { 0.0 }
+    }));
     let variance = Lanes(f.0.map(|f| noise.of(f)));
     let growth =
         Lanes(std::array::from_fn(|l| (variance.0[l] / present.of(f.0[l])).min(MOST_GROWTH)));

@@ -1,7 +1,7 @@
 //! Laser dots: smooth Gaussian spots brighter than what is around them.
 //!
 //! One streaming pass finds the places ([`scan`]); an elliptical Gaussian is fitted at each
-//! ([`fit`]); the noise of the picture comes from the residuals of all fits together ([`noise`]);
+//! ([`fit`], by [`moments`] of a [`window`] with the weights of [`weighting`]); the noise of the picture comes from the residuals of all fits together ([`noise`]);
 //! every dot is then fitted again under that noise and gets its covariance ([`covariance`]). Which
 //! beam made a dot is not asked here, and stray reflections are returned like any other dot.
 
@@ -12,9 +12,12 @@ mod gaussian;
 mod grains;
 mod moments;
 mod noise;
+mod plain;
 mod rough;
 mod scan;
 mod shape;
+#[cfg(test)]
+mod speckle_tests;
 #[cfg(test)]
 mod tests;
 mod weighting;
@@ -54,8 +57,25 @@ pub struct DotOptions {
     /// Smallest ratio of what is seen in the middle to what was fitted. Default 0.6: a flat top
     /// stays below its Gaussian.
     pub min_core_ratio: f64,
+    /// How the centre is taken. Default: the fitted Gaussian.
+    pub centre: CentreMethod,
     /// The noise where it is known; `None` (the default) estimates it from the picture.
     pub noise: Option<NoiseModel>,
+}
+
+/// How the centre of a dot is taken from its pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CentreMethod {
+    /// The elliptical Gaussian, weighted by the picture's noise.
+    #[default]
+    Gaussian,
+    /// Centroid weighted by the grey value above half of the peak.
+    GreyCentroid,
+    /// Centroid of the pixels above half of the peak.
+    BinaryCentroid,
+    /// Least-squares matching of a round template: place, gain and offset, all pixels alike.
+    LeastSquaresMatching,
 }
 
 impl Default for DotOptions {
@@ -69,6 +89,7 @@ impl Default for DotOptions {
             max_shape_departure: 0.12,
             max_reduced_chi_square: 3.0,
             min_core_ratio: 0.6,
+            centre: CentreMethod::Gaussian,
             noise: None,
         }
     }
@@ -141,7 +162,10 @@ pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
         None => refine_noise(image, &mut fits, &start, &limits),
     };
     let mut dots: Vec<Dot> = fits.iter().filter_map(|fit| measure(image, fit, &noise)).collect();
-    keep_gaussian(&mut dots, options);
+    keep_gaussian(&mut dots, options, &noise);
+    if options.centre != CentreMethod::Gaussian {
+        plain::replace_centres(image, &mut dots, options.centre, &noise);
+    }
     DotsFound { dots, noise }
 }
 
@@ -229,7 +253,7 @@ fn measure(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Option<Dot> {
 
 /// Drops what is no Gaussian spot. The dots of a picture are alike: where they are many, their
 /// common departure from a Gaussian (compression, blur) is not held against one.
-fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions) {
+fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions, noise: &NoiseModel) {
     let mut exponents: Vec<f64> = dots.iter().map(|dot| dot.quality.shape_exponent).collect();
     exponents.sort_by(f64::total_cmp);
     let usual =
@@ -239,6 +263,14 @@ fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions) {
         (quality.shape_exponent - usual).abs()
             <= options.max_shape_departure + 4.0 * quality.shape_sigma
             && quality.reduced_chi_square <= options.max_reduced_chi_square
-            && quality.core_ratio >= options.min_core_ratio
+            && 1.0 - quality.core_ratio
+                <= (1.0 - options.min_core_ratio).max(3.0 * core_sigma(dot, noise))
     });
+}
+
+/// Standard deviation of the light in a dot's middle that a few speckle grains make: there, above
+/// 70 % of the peak, is an area of `-2 pi ln(0.7)` times the product of the standard deviations.
+fn core_sigma(dot: &Dot, noise: &NoiseModel) -> f64 {
+    let area = 2.24 * dot.sigma[0] * dot.sigma[1];
+    noise.speckle_contrast * (noise.grain_area / area).min(1.0).sqrt()
 }

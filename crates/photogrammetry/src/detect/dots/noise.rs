@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::fit::Fit;
 use super::moments::QuadraticForm;
+use super::weighting::SATURATED;
 use super::window::{MAX_WINDOW, Row};
 use super::{NoiseModel, grains};
 use crate::image::GrayImage;
@@ -20,6 +21,8 @@ const LEAST_PIXELS: f64 = 200.0;
 const CORE: f64 = 0.05;
 /// Largest part of a pixel's variance that a fit is taken to have followed.
 const MOST_TAKEN: f32 = 0.75;
+/// Part of the pixels of a class that may be full.
+const MOST_FULL: f64 = 0.01;
 /// Rounds of reweighting in the regression.
 const ROUNDS: usize = 6;
 
@@ -45,6 +48,15 @@ struct Class {
     count: f64,
     intensity: f64,
     square: f64,
+    /// How many are as bright as the picture can show.
+    full: f64,
+}
+
+impl Class {
+    /// Whether the picture's range cut off enough of the bright pixels to make the rest look calm.
+    fn is_cut(&self) -> bool {
+        self.full > MOST_FULL * self.count
+    }
 }
 
 /// Residuals of one dot.
@@ -67,18 +79,24 @@ pub(super) fn estimate(image: &GrayImage, fits: &[Fit], present: &NoiseModel) ->
         sum.count += other.count;
         sum.intensity += other.intensity;
         sum.square += other.square;
+        sum.full += other.full;
     }
     if classes.iter().map(|class| class.count).sum::<f64>() < LEAST_PIXELS {
         return *present;
     }
-    let [n2, p, c2] = variances(&classes, present);
+    // From the first class on that the picture's range cuts, nothing is told by brighter ones.
+    let usable = classes.iter().position(Class::is_cut).unwrap_or(CLASSES);
+    let [n2, p, c2] = variances(&classes[..usable], present);
+    let brightest =
+        if usable < CLASSES { usable as f64 * f64::from(CLASS_WIDTH) } else { f64::INFINITY };
     let noise = NoiseModel {
         read_noise: n2.max(1.0 / 12.0).sqrt(),
         photon_gain: p,
         speckle_contrast: c2.sqrt(),
         ..*present
     };
-    let grain_area = grains::grain_area(image, good.iter().map(|(_, fit)| *fit), &noise, present);
+    let fits = good.iter().map(|(_, fit)| *fit);
+    let grain_area = grains::grain_area(image, fits, [&noise, present], brightest);
     NoiseModel { grain_area, ..noise }
 }
 
@@ -103,6 +121,8 @@ struct Gathered {
     excess: f64,
     power: f64,
     core: f32,
+    /// Grey levels above the background from which on a pixel is full.
+    full: f32,
     /// Present read variance, photon gain, squared contrast.
     variance: [f32; 3],
 }
@@ -114,6 +134,7 @@ impl Gathered {
             excess: 0.0,
             power: 0.0,
             core: (CORE * fit.gaussian.amplitude) as f32,
+            full: (f64::from(SATURATED) - fit.gaussian.background) as f32 - 0.01,
             variance: [
                 present.read_noise.powi(2) as f32,
                 present.photon_gain as f32,
@@ -132,7 +153,7 @@ impl Gathered {
             let part = (taken / (n2 + f * (p + c2 * f))).min(MOST_TAKEN);
             *square = e * e / if f > self.core { 1.0 - part } else { 1.0 };
         }
-        for ((&square, &f), &w) in squares.iter().zip(row.f).zip(row.w) {
+        for (((&square, &f), &e), &w) in squares.iter().zip(row.f).zip(row.e).zip(row.w) {
             if w == 0.0 {
                 continue;
             }
@@ -143,6 +164,7 @@ impl Gathered {
             class.count += 1.0;
             class.intensity += intensity;
             class.square += square;
+            class.full += f64::from(u8::from(f + e >= self.full));
         }
     }
 }

@@ -207,7 +207,25 @@ pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) ->
         half[axis] = 0.5 * (last + 1 - first) as f64;
     }
     let centre = Vector2::new(centre[0] as f64, centre[1] as f64);
+    let threshold = threshold_around(image, &centre, &half, options)?;
     (half.min() > 0.7 * options.min_semi_axis).then_some(Blob { centre, half, threshold })
+}
+
+/// Half way between the middle of an area and its quiet zone on four sides: the same whichever
+/// chord led to the area.
+fn threshold_around(
+    image: &GrayImage,
+    centre: &Vector2<f64>,
+    half: &Vector2<f64>,
+    options: &TargetOptions,
+) -> Option<Threshold> {
+    let away = half * (1.0 + 1.2 * QUIET);
+    let at = |x: f64, y: f64| sample(image, centre.x + x, centre.y + y);
+    let disc = at(0.0, 0.0)?;
+    let ground =
+        0.25 * (at(away.x, 0.0)? + at(-away.x, 0.0)? + at(0.0, away.y)? + at(0.0, -away.y)?);
+    let is_plain = (disc - ground).abs() > 0.7 * options.min_contrast;
+    is_plain.then(|| Threshold { level: 0.5 * (disc + ground), is_light: disc > ground })
 }
 
 /// First and last pixel inside along a column (axis 1) or row (axis 0); `None` where the area goes

@@ -21,8 +21,9 @@ const RING_RADII: [f64; 3] = [2.3, 2.5, 2.7];
 const QUIET_RADII: [f64; 2] = [1.4, 1.6];
 /// Part of the directions of a sector, in its middle, that are read: the rest is blurred.
 const MIDDLE: f64 = 0.6;
-/// Margin of the first reading, through an ellipse that is good to half a pixel.
-const FORGIVING: f64 = 0.5;
+/// Margin of the first reading, through an ellipse that is good to half a pixel: what remains is
+/// that the ring changes at regular places only.
+const FORGIVING: f64 = 0.55;
 
 /// A quick look with few samples, and a reading that forgives much: is there a ring at all? Not so
 /// around laser dots, single spots and the ring's own sectors.
