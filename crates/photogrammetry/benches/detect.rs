@@ -17,10 +17,15 @@ fn picture(name: &str) -> GrayImage {
     decode(&std::fs::read(path).expect("test data")).expect("a whole JPEG file")
 }
 
+fn one_thread() -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread")
+}
+
 #[divan::bench(args = PICTURES)]
 fn dots(bencher: divan::Bencher, name: &str) {
     let image = picture(name);
-    bencher.bench(|| find_dots(&image, &DotOptions::default()));
+    let one = one_thread();
+    bencher.bench(|| one.install(|| find_dots(&image, &DotOptions::default())));
 }
 
 #[divan::bench(args = PICTURES)]

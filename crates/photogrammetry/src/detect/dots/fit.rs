@@ -24,6 +24,11 @@ const SETTLED: f64 = 2.5e-3;
 const RESTING: f64 = 0.01;
 /// As `SETTLED` where the noise is not known yet.
 const ROUGHLY_SETTLED: f64 = 0.5;
+/// Part of the full range below which a fitted peak is surely not saturated: the flanks alone give
+/// it to a tenth.
+const PLAINLY_BELOW: f64 = 0.85;
+/// Steps after which half steps are taken: weights that follow the model may swing.
+const EAGER_STEPS: usize = 8;
 
 /// What a fit may become.
 pub(super) struct FitLimits {
@@ -86,9 +91,9 @@ pub(super) fn fit_candidate(
     // Twice: the first window comes from a threshold, the second from a fit.
     fit = iterate(image, fit, noise, Clipping::None, Rest::Roughly)?;
     fit.window = window_of(image, &fit.gaussian)?;
-    // A full area under a model that does not reach it is a bright speckle grain.
+    // A full area under a model that stays well below it is a bright speckle grain.
     let peak = fit.gaussian.background + fit.gaussian.amplitude;
-    fit.is_saturated &= peak > f64::from(SATURATED);
+    fit.is_saturated &= peak > PLAINLY_BELOW * f64::from(SATURATED);
     fit = iterate(image, fit, noise, Clipping::Skirt, Rest::Roughly)?;
     limits.accept(&fit.gaussian, noise, image).then_some(fit)
 }
@@ -174,7 +179,8 @@ fn iterate(
         fit.normal = normal;
         let step = normal.cholesky()?.solve(&right);
         let before = fit.gaussian;
-        fit.gaussian = advance(&before, &step)?;
+        let part = if count < EAGER_STEPS { 1.0 } else { 0.5 };
+        fit.gaussian = advance(&before, &(step * part))?;
         let reach = fit.window.width() as f64;
         if !(fit.gaussian.x - before.x).is_finite() || fit.gaussian.sigma()[0] > 4.0 * reach {
             return None;

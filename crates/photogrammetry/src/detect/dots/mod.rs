@@ -23,6 +23,7 @@ mod tests;
 mod weighting;
 mod window;
 
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 
 use super::{Dot, DotQuality, ImagePoint, Target};
@@ -161,7 +162,8 @@ pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
         }
         None => refine_noise(image, &mut fits, &start, &limits),
     };
-    let mut dots: Vec<Dot> = fits.iter().filter_map(|fit| measure(image, fit, &noise)).collect();
+    let mut dots: Vec<Dot> =
+        fits.par_iter().filter_map(|fit| measure(image, fit, &noise)).collect();
     keep_gaussian(&mut dots, options, &noise);
     if options.centre != CentreMethod::Gaussian {
         plain::replace_centres(image, &mut dots, options.centre, &noise);
@@ -230,7 +232,7 @@ fn refit(
     limits: &FitLimits,
     rest: Rest,
 ) -> Vec<Fit> {
-    fits.iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits, rest)).collect()
+    fits.par_iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits, rest)).collect()
 }
 
 /// The dot of a fit, unless its centre is worth nothing.

@@ -5,6 +5,7 @@
 //! make a dot; that is made good.
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use super::fit::Fit;
 use super::moments::QuadraticForm;
@@ -69,7 +70,7 @@ struct Residuals {
 /// Estimates the noise from fits that were made under `present`.
 pub(super) fn estimate(image: &GrayImage, fits: &[Fit], present: &NoiseModel) -> NoiseModel {
     let all: Vec<(Residuals, &Fit)> =
-        fits.iter().filter_map(|fit| Some((residuals(image, fit, present)?, fit))).collect();
+        fits.par_iter().filter_map(|fit| Some((residuals(image, fit, present)?, fit))).collect();
     // Parts of printed patterns among the dots must not pass for speckle.
     let limit = ROUGHEST * median(all.iter().map(|(r, _)| r.roughness).collect()).max(1e-3);
     let good: Vec<&(Residuals, &Fit)> = all.iter().filter(|(r, _)| r.roughness <= limit).collect();

@@ -8,7 +8,7 @@ use crate::detect::testing::speckle_cell;
 /// Pictures per cell: 363 dots tell a mean square to 2 / sqrt(363), 5 %, if errors were normal.
 const PICTURES: u64 = 3;
 
-/// All dots of a cell found and no other; stated over true variance of a coordinate, and rms.
+/// All dots of a cell found and nothing else; stated over true variance of a coordinate, and rms.
 fn cell(contrast: f64, grain: f64) -> (f64, f64) {
     let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
     for seed in 0..PICTURES {
