@@ -59,3 +59,15 @@ fn speckled_dots_are_centred_with_the_weights_of_their_own_picture() {
     assert!(rms(&pairs) < 0.135, "{}", rms(&pairs));
     assert!((standardised(&pairs) - 2.0).abs() < 0.55, "{}", standardised(&pairs));
 }
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let image = decode(&std::fs::read(format!("{DATA}/speckle.jpg")).unwrap()).unwrap();
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| find_dots(&image, &DotOptions::default()))
+    };
+    let one = on(1);
+    assert_eq!(one, on(2));
+    assert_eq!(one, on(5));
+}

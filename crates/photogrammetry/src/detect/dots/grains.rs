@@ -59,10 +59,9 @@ pub(super) fn grain_area<'a>(
 ) -> f64 {
     let mut lags = [Lag::default(); LAGS.len()];
     for fit in fits {
-        if noise.speckle_contrast * fit.gaussian.amplitude > noise.read_noise {
-            if let Some(core) = Core::of(image, fit, [noise, present], brightest) {
-                core.add_lags(&mut lags);
-            }
+        let is_grainy = noise.speckle_contrast * fit.gaussian.amplitude > noise.read_noise;
+        if is_grainy && let Some(core) = Core::of(image, fit, [noise, present], brightest) {
+            core.add_lags(&mut lags);
         }
     }
     // Neighbours that are not surely alike: no grains, whatever made the contrast.

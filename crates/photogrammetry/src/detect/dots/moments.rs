@@ -67,11 +67,9 @@ impl Moments {
     /// `first` is the offset of the first column from the centre.
     pub(super) fn equations(&self, first: f32) -> (Normal, Step) {
         let mut powers = [[1.0f32; MAX_WINDOW]; 5];
-        for i in 0..MAX_WINDOW {
-            let u = first + i as f32;
-            for k in 1..5 {
-                powers[k][i] = powers[k - 1][i] * u;
-            }
+        let u: [f32; MAX_WINDOW] = std::array::from_fn(|i| first + i as f32);
+        for k in 1..5 {
+            powers[k] = std::array::from_fn(|i| powers[k - 1][i] * u[i]);
         }
         let ff: [[f64; 5]; 5] = std::array::from_fn(|i| {
             std::array::from_fn(|j| if i + j < 5 { self.sum(j, &powers, i) } else { 0.0 })

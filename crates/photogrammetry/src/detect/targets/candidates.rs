@@ -225,7 +225,7 @@ fn threshold_around(
     let ground =
         0.25 * (at(away.x, 0.0)? + at(-away.x, 0.0)? + at(0.0, away.y)? + at(0.0, -away.y)?);
     let is_plain = (disc - ground).abs() > 0.7 * options.min_contrast;
-    is_plain.then(|| Threshold { level: 0.5 * (disc + ground), is_light: disc > ground })
+    is_plain.then_some(Threshold { level: 0.5 * (disc + ground), is_light: disc > ground })
 }
 
 /// First and last pixel inside along a column (axis 1) or row (axis 0); `None` where the area goes
