@@ -5,6 +5,10 @@
 //! threads. Inside this crate plain `f64` is in millimetres, radians and pixels; the centre of the
 //! top-left pixel is (0, 0), x right, y down. Camera and module frames: x right, y down, z forward.
 
+// Test helpers that the examples include name this crate from outside.
+#[cfg(test)]
+extern crate self as beampose_photogrammetry;
+
 pub mod adjust;
 pub mod calibrate;
 pub mod camera;

@@ -5,6 +5,7 @@
 
 mod background;
 mod dots;
+mod lanes;
 mod targets;
 #[cfg(test)]
 mod testing;
@@ -12,7 +13,7 @@ mod testing;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-pub use dots::{DotOptions, DotsFound, NoiseModel, drop_dots_on_targets, find_dots};
+pub use dots::{CentreMethod, DotOptions, DotsFound, NoiseModel, drop_dots_on_targets, find_dots};
 pub(crate) use targets::{PlainDisc, find_plain_discs};
 pub use targets::{TargetOptions, find_targets, is_usable_code, usable_codes};
 

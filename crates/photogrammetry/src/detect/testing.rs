@@ -1,11 +1,11 @@
-//! A small seeded renderer for the tests of detection: dots, speckle, targets, noise.
+//! A small seeded renderer for the tests of detection: dots, speckle, targets, noise. The examples
+//! that write pictures for comparison include this file as well.
 
+use beampose_photogrammetry::GrayImage;
+use beampose_photogrammetry::scene::ring_sectors;
 use nalgebra::{Matrix2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-
-use crate::image::GrayImage;
-use crate::scene::ring_sectors;
 
 /// Seeded normal deviates.
 pub(super) struct Normal(ChaCha8Rng);
@@ -140,11 +140,18 @@ impl Canvas {
         let (width, height) = (self.width, self.height);
         let spread = (1.0 + contrast * contrast).ln().sqrt();
         let field = grains(width, height, grain_area, normal);
+        let light = light(spots, width, height);
         self.map(|x, y, level| {
-            let sum: f64 = spots.iter().map(|spot| spot.value(x, y)).sum();
-            let grain = field[y as usize * width + x as usize];
-            level + sum * (spread * grain - 0.5 * spread * spread).exp()
+            let i = y as usize * width + x as usize;
+            level + light[i] * (spread * field[i] - 0.5 * spread * spread).exp()
         })
+    }
+
+    /// Adds a random normal field of the same kind as speckle grains, of an amplitude in grey levels.
+    pub(super) fn clutter(self, amplitude: f64, grain_area: f64, normal: &mut Normal) -> Self {
+        let width = self.width;
+        let field = grains(width, self.height, grain_area, normal);
+        self.map(|x, y, level| level + amplitude * field[y as usize * width + x as usize])
     }
 
     /// Draws targets, 6 x 6 samples a pixel.
@@ -177,6 +184,23 @@ impl Canvas {
             self.values.iter().map(|v| (v + noise * normal.next()).round().clamp(0.0, 255.0) as u8);
         GrayImage { width: self.width, height: self.height, data: data.collect() }
     }
+}
+
+/// The sum of spots, each drawn to where it is below 1e-8 of its peak.
+fn light(spots: &[Spot], width: usize, height: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; width * height];
+    for spot in spots {
+        let reach = 6.1 * spot.sigma[0].max(spot.sigma[1]);
+        let range = |at: f64, size: usize| {
+            (at - reach).max(0.0) as usize..((at + reach).max(0.0) as usize + 1).min(size)
+        };
+        for y in range(spot.at[1], height) {
+            for x in range(spot.at[0], width) {
+                sum[y * width + x] += spot.value(x as f64, y as f64);
+            }
+        }
+    }
+    sum
 }
 
 /// Unit-variance normal field with the autocorrelation `exp(-pi d^2 / g)`.
@@ -212,4 +236,46 @@ fn smooth(values: &[f64], width: usize, height: usize, sigma: f64) -> Vec<f64> {
     };
     let rows = pass(values, &|x, y, k| y * width + at(x, k, width));
     pass(&rows, &|x, y, k| at(y, k, height) * width + x)
+}
+
+/// A picture of `count` x `count` dots in speckle, and where they are: amplitude 150, standard
+/// deviation 3 pixels, background 30, noise 4, on a jittered grid of 45 pixels. Grains are white
+/// noise smoothed by a Gaussian of standard deviation `grain` pixels: area `4 pi grain^2`.
+pub(super) fn speckle_cell(
+    contrast: f64,
+    grain: f64,
+    count: usize,
+    seed: u64,
+) -> (GrayImage, Vec<Spot>) {
+    let mut normal = Normal::new(seed);
+    let place = |k: usize, normal: &mut Normal| 45.0 * (k as f64 + 1.0) + normal.uniform(-1.0, 1.0);
+    let spots: Vec<Spot> = (0..count * count)
+        .map(|i| {
+            let at = [place(i % count, &mut normal), place(i / count, &mut normal)];
+            Spot::round(at, 150.0, 3.0)
+        })
+        .collect();
+    let size = 45 * (count + 1);
+    let area = 4.0 * std::f64::consts::PI * grain * grain;
+    let canvas = Canvas::new(size, size, 30.0).spots(&spots, contrast, area, &mut normal);
+    (canvas.shoot(4.0, &mut normal), spots)
+}
+
+/// A hundred targets of one kind in a grid, of random codes and turns, and where they are: contrast
+/// 100, noise 4.
+pub(super) fn target_cell(kind: Print, blur: f64, codes: &[u16]) -> (GrayImage, Vec<Print>) {
+    let mut normal = Normal::new(5);
+    let pitch = 7.6 * kind.radius;
+    let prints: Vec<Print> = (0..100)
+        .map(|i| {
+            let place =
+                |k: usize, normal: &mut Normal| (k as f64 + 0.6) * pitch + normal.uniform(0.0, 1.0);
+            let at = [place(i % 10, &mut normal), place(i / 10, &mut normal)];
+            let code = codes[7 * i % codes.len()];
+            Print { at, code, turn: i as f64, tilt_axis: 0.1 * i as f64, ..kind }
+        })
+        .collect();
+    let size = (10.4 * pitch) as usize;
+    let canvas = Canvas::new(size, size, kind.levels[1]).prints(&prints).blur(blur);
+    (canvas.shoot(4.0, &mut normal), prints)
 }

@@ -1,8 +1,10 @@
 //! How large speckle grains are, from products of neighbouring residuals.
 
 use super::NoiseModel;
-use super::fit::{Fit, PARAMETERS, Weighting};
-use super::noise::{Leverage, dot};
+use super::fit::Fit;
+use super::moments::PARAMETERS;
+use super::window::Row;
+use crate::detect::lanes::{self, LANES, Lanes};
 use crate::image::GrayImage;
 
 /// Lags at which residuals are compared: along rows, columns and diagonals.
@@ -26,6 +28,8 @@ const LAGS: [(usize, usize); 14] = [
 /// show grains.
 const CORE: f64 = 0.2;
 const CORE_IN_NOISE: f64 = 3.0;
+/// Largest ratio of the new variance to that of the fit for which what the fit followed is made good.
+const MOST_GROWTH: f32 = 4.0;
 /// Standard deviations by which neighbouring residuals must be alike.
 const SURE: f64 = 4.0;
 /// Areas that are tried: from 1 to 57 square pixels in steps of 3 %.
@@ -44,17 +48,20 @@ struct Lag {
 }
 
 /// The grain area whose Gaussian autocorrelation `exp(-pi d^2 / g)` agrees best with the products
-/// of neighbouring relative residuals; 1 where grains are fainter than the noise.
+/// of neighbouring relative residuals; 1 where grains are fainter than the noise. Pixels whose model
+/// is above `brightest`, grey levels, are cut by the picture's range and say nothing. `noise` is the
+/// new one, `present` that of the fits.
 pub(super) fn grain_area<'a>(
     image: &GrayImage,
     fits: impl Iterator<Item = &'a Fit>,
-    noise: &NoiseModel,
-    present: &NoiseModel,
+    [noise, present]: [&NoiseModel; 2],
+    brightest: f64,
 ) -> f64 {
     let mut lags = [Lag::default(); LAGS.len()];
     for fit in fits {
-        if noise.speckle_contrast * fit.gaussian.amplitude > noise.read_noise {
-            add_lags(image, fit, noise, present, &mut lags);
+        let is_grainy = noise.speckle_contrast * fit.gaussian.amplitude > noise.read_noise;
+        if is_grainy && let Some(core) = Core::of(image, fit, [noise, present], brightest) {
+            core.add_lags(&mut lags);
         }
     }
     // Neighbours that are not surely alike: no grains, whatever made the contrast.
@@ -86,52 +93,132 @@ fn misfit(lags: &[Lag], area: f64, contrast2: f64) -> f64 {
     .sum()
 }
 
-/// A bright pixel: residual, intensity, leverage.
-type CorePixel = (f64, f64, [f64; PARAMETERS]);
+/// What is kept of every bright pixel: residual, intensity, variance under the new noise, then
+/// `L^-1 j` (the product of two pixels' is the covariance of the model at them), then the same times
+/// how much the variance has grown over that of the fit.
+const PLANES: usize = 3 + 2 * PARAMETERS;
 
-fn core_pixels(
-    image: &GrayImage,
-    fit: &Fit,
-    least: f64,
-    present: &NoiseModel,
-) -> Option<Vec<Option<CorePixel>>> {
-    let gaussian = &fit.gaussian;
-    let weighting = Weighting::new(fit, present, true);
-    let leverage = Leverage::new(fit)?;
-    let mut core = Vec::with_capacity(fit.window.width() * fit.window.height());
-    fit.window.walk(image, gaussian, |u, v, pixels, model| {
-        for (i, (&pixel, &f)) in pixels.iter().zip(model).enumerate() {
-            let pixel = f64::from(pixel);
-            let e = pixel - gaussian.background - f;
-            let is_core = f > least && weighting.of(pixel, f, e) > 0.0;
-            core.push(is_core.then(|| (e, f, leverage.of(f, u + i as f64, v))));
-        }
-    });
-    Some(core)
+/// Bright pixels of a dot, plane by plane, rows one after another with room between them: a shift
+/// by a lag never meets the next row. Zero where a pixel is not bright.
+struct Core {
+    stride: usize,
+    /// Length of a plane.
+    size: usize,
+    planes: Vec<f32>,
 }
 
-fn add_lags(
-    image: &GrayImage,
-    fit: &Fit,
-    noise: &NoiseModel,
-    present: &NoiseModel,
-    lags: &mut [Lag],
-) {
-    let least = (CORE * fit.gaussian.amplitude).max(CORE_IN_NOISE * noise.read_noise);
-    let Some(core) = core_pixels(image, fit, least, present) else { return };
-    let width = fit.window.width();
-    for (at, one) in core.iter().enumerate() {
-        let Some((e, f, model)) = one else { continue };
-        for (lag, (dx, dy)) in lags.iter_mut().zip(LAGS) {
-            let is_inside = at % width + dx < width;
-            if let Some(Some((e2, f2, model2))) = core.get(at + dy * width + dx)
-                && is_inside
-            {
-                let growth = noise.pixel_variance(*f) / present.pixel_variance(*f);
-                lag.product += e * e2 + growth.min(4.0) * dot(model, model2);
-                lag.power += f * f2;
-                lag.variance += noise.pixel_variance(*f) * noise.pixel_variance(*f2);
+/// The largest lag along a row.
+const MOST_LAG: usize = 6;
+
+/// Factor of a normal matrix: lower triangle, the diagonal inverted.
+type Factor = [[f32; PARAMETERS]; PARAMETERS];
+
+fn factor(fit: &Fit) -> Option<Factor> {
+    let lower = fit.normal.cholesky()?.unpack();
+    let entry = |i: usize, j: usize| if i == j { 1.0 / lower[(i, i)] } else { lower[(i, j)] };
+    Some(std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j) as f32)))
+}
+
+impl Core {
+    fn of(
+        image: &GrayImage,
+        fit: &Fit,
+        [noise, present]: [&NoiseModel; 2],
+        brightest: f64,
+    ) -> Option<Self> {
+        let least = (CORE * fit.gaussian.amplitude).max(CORE_IN_NOISE * noise.read_noise);
+        let window = fit.window.core(&fit.gaussian, least)?;
+        let limits = [least, brightest].map(|limit| limit as f32);
+        let factor = factor(fit)?;
+        let stride = (window.padded_width() + MOST_LAG).next_multiple_of(LANES);
+        let size = stride * (window.y[1] - window.y[0]);
+        let mut core = Self { stride, size, planes: vec![0.0; size * PLANES] };
+        let mut first = 0;
+        let variances = [&Variance::new(noise), &Variance::new(present)];
+        window.walk(image, &fit.gaussian, &fit.weighting(present), |row| {
+            for at in (0..row.u.len()).step_by(LANES) {
+                let values = bright(row, at, limits, &factor, variances);
+                for (plane, value) in core.planes.chunks_exact_mut(size).zip(values) {
+                    plane[first + at..first + at + LANES].copy_from_slice(&value.0);
+                }
             }
+            first += stride;
+        });
+        Some(core)
+    }
+
+    /// Adds the sums of products at all lags.
+    fn add_lags(&self, lags: &mut [Lag]) {
+        let planes: Vec<&[f32]> = self.planes.chunks_exact(self.size).collect();
+        let (model, grown) = planes[3..].split_at(PARAMETERS);
+        for (lag, (dx, dy)) in lags.iter_mut().zip(LAGS) {
+            let offset = dy * self.stride + dx;
+            let length = self.size.saturating_sub(offset) / LANES * LANES;
+            if length == 0 {
+                continue;
+            }
+            let sum = |a: &[f32], b: &[f32]| {
+                f64::from(lanes::dot(&a[..length], &b[offset..offset + length]))
+            };
+            let followed: f64 = grown.iter().zip(model).map(|(a, b)| sum(a, b)).sum();
+            lag.product += sum(planes[0], planes[0]) + followed;
+            lag.power += sum(planes[1], planes[1]);
+            lag.variance += sum(planes[2], planes[2]);
         }
     }
+}
+
+/// A noise's variance of a pixel, in single precision.
+struct Variance {
+    read: f32,
+    photon: f32,
+    speckle: f32,
+}
+
+impl Variance {
+    fn new(noise: &NoiseModel) -> Self {
+        Self {
+            read: noise.read_noise.powi(2) as f32,
+            photon: noise.photon_gain as f32,
+            speckle: noise.speckle_contrast.powi(2) as f32,
+        }
+    }
+
+    fn of(&self, f: f32) -> f32 {
+        self.read + f * (self.photon + self.speckle * f)
+    }
+}
+
+/// The planes' values of a few pixels; zero where they are not bright.
+fn bright(
+    row: &Row,
+    at: usize,
+    [least, most]: [f32; 2],
+    factor: &Factor,
+    [noise, present]: [&Variance; 2],
+) -> [Lanes; PLANES] {
+    let lanes = |values: &[f32]| Lanes::from_slice(&values[at..at + LANES]);
+    let (u, f, e, w) = (lanes(row.u), lanes(row.f), lanes(row.e), lanes(row.w));
+    let v = Lanes::all(row.v);
+    let mask = Lanes(std::array::from_fn(|l| {
+        if (f.0[l] > least) & (f.0[l] < most) & (w.0[l] > 0.0) { 1.0 } else { 0.0 }
+    }));
+    let variance = Lanes(f.0.map(|f| noise.of(f)));
+    let growth =
+        Lanes(std::array::from_fn(|l| (variance.0[l] / present.of(f.0[l])).min(MOST_GROWTH)));
+    let fm = f * mask;
+    let mut model = [fm, fm * u, fm * v, fm * u * u, fm * u * v, fm * v * v, mask];
+    for k in 0..PARAMETERS {
+        for j in 0..k {
+            model[k] += model[j] * Lanes::all(-factor[k][j]);
+        }
+        model[k] = model[k] * Lanes::all(factor[k][k]);
+    }
+    let mut values = [Lanes::ZERO; PLANES];
+    (values[0], values[1], values[2]) = (e * mask, fm, variance * mask);
+    for (k, model) in model.into_iter().enumerate() {
+        values[3 + k] = model;
+        values[3 + PARAMETERS + k] = model * growth;
+    }
+    values
 }

@@ -1,7 +1,7 @@
 //! Laser dots: smooth Gaussian spots brighter than what is around them.
 //!
 //! One streaming pass finds the places ([`scan`]); an elliptical Gaussian is fitted at each
-//! ([`fit`]); the noise of the picture comes from the residuals of all fits together ([`noise`]);
+//! ([`fit`], by [`moments`] of a [`window`] with the weights of [`weighting`]); the noise of the picture comes from the residuals of all fits together ([`noise`]);
 //! every dot is then fitted again under that noise and gets its covariance ([`covariance`]). Which
 //! beam made a dot is not asked here, and stray reflections are returned like any other dot.
 
@@ -10,19 +10,29 @@ mod covariance;
 mod fit;
 mod gaussian;
 mod grains;
+mod moments;
 mod noise;
+mod plain;
 mod rough;
 mod scan;
 mod shape;
 #[cfg(test)]
+mod speckle_tests;
+#[cfg(test)]
 mod tests;
+mod weighting;
+mod window;
 
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 
 use super::{Dot, DotQuality, ImagePoint, Target};
 use crate::image::GrayImage;
 use components::Candidate;
-use fit::{Fit, FitLimits};
+use fit::{Fit, FitLimits, Rest};
+
+/// Rounds of noise and fits in turns; two do for clean pictures, speckle needs more.
+const ROUNDS: usize = 4;
 
 /// What counts as a dot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,8 +58,25 @@ pub struct DotOptions {
     /// Smallest ratio of what is seen in the middle to what was fitted. Default 0.6: a flat top
     /// stays below its Gaussian.
     pub min_core_ratio: f64,
+    /// How the centre is taken. Default: the fitted Gaussian.
+    pub centre: CentreMethod,
     /// The noise where it is known; `None` (the default) estimates it from the picture.
     pub noise: Option<NoiseModel>,
+}
+
+/// How the centre of a dot is taken from its pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CentreMethod {
+    /// The elliptical Gaussian, weighted by the picture's noise.
+    #[default]
+    Gaussian,
+    /// Centroid weighted by the grey value above half of the peak.
+    GreyCentroid,
+    /// Centroid of the pixels above half of the peak.
+    BinaryCentroid,
+    /// Least-squares matching of a round template: place, gain and offset, all pixels alike.
+    LeastSquaresMatching,
 }
 
 impl Default for DotOptions {
@@ -63,6 +90,7 @@ impl Default for DotOptions {
             max_shape_departure: 0.12,
             max_reduced_chi_square: 3.0,
             min_core_ratio: 0.6,
+            centre: CentreMethod::Gaussian,
             noise: None,
         }
     }
@@ -129,13 +157,17 @@ pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
     let mut fits = first_fits(image, &scanned.candidates, &start, &limits);
     let noise = match options.noise {
         Some(known) => {
-            fits = refit(image, &fits, &known, &limits);
+            fits = refit(image, &fits, &known, &limits, Rest::Fully);
             known
         }
         None => refine_noise(image, &mut fits, &start, &limits),
     };
-    let mut dots: Vec<Dot> = fits.iter().filter_map(|fit| measure(image, fit, &noise)).collect();
-    keep_gaussian(&mut dots, options);
+    let mut dots: Vec<Dot> =
+        fits.par_iter().filter_map(|fit| measure(image, fit, &noise)).collect();
+    keep_gaussian(&mut dots, options, &noise);
+    if options.centre != CentreMethod::Gaussian {
+        plain::replace_centres(image, &mut dots, options.centre, &noise);
+    }
     DotsFound { dots, noise }
 }
 
@@ -176,23 +208,31 @@ fn refine_noise(
     limits: &FitLimits,
 ) -> NoiseModel {
     let mut noise = *start;
-    for round in 0..4 {
+    for round in 0..ROUNDS {
         let next = noise::estimate(image, fits, &noise);
         let is_settled = round > 0 && next.is_near(&noise);
         noise = next;
-        *fits = refit(image, fits, &noise, limits);
+
         if is_settled {
             break;
         }
+        *fits = refit(image, fits, &noise, limits, Rest::Roughly);
     }
+    *fits = refit(image, fits, &noise, limits, Rest::Fully);
     NoiseModel {
         background_correlation: rough::background_correlation(image, fits, &noise),
         ..noise
     }
 }
 
-fn refit(image: &GrayImage, fits: &[Fit], noise: &NoiseModel, limits: &FitLimits) -> Vec<Fit> {
-    fits.iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits)).collect()
+fn refit(
+    image: &GrayImage,
+    fits: &[Fit],
+    noise: &NoiseModel,
+    limits: &FitLimits,
+    rest: Rest,
+) -> Vec<Fit> {
+    fits.par_iter().filter_map(|fit| fit::fit_again(image, fit, noise, limits, rest)).collect()
 }
 
 /// The dot of a fit, unless its centre is worth nothing.
@@ -215,7 +255,7 @@ fn measure(image: &GrayImage, fit: &Fit, noise: &NoiseModel) -> Option<Dot> {
 
 /// Drops what is no Gaussian spot. The dots of a picture are alike: where they are many, their
 /// common departure from a Gaussian (compression, blur) is not held against one.
-fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions) {
+fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions, noise: &NoiseModel) {
     let mut exponents: Vec<f64> = dots.iter().map(|dot| dot.quality.shape_exponent).collect();
     exponents.sort_by(f64::total_cmp);
     let usual =
@@ -225,6 +265,14 @@ fn keep_gaussian(dots: &mut Vec<Dot>, options: &DotOptions) {
         (quality.shape_exponent - usual).abs()
             <= options.max_shape_departure + 4.0 * quality.shape_sigma
             && quality.reduced_chi_square <= options.max_reduced_chi_square
-            && quality.core_ratio >= options.min_core_ratio
+            && 1.0 - quality.core_ratio
+                <= (1.0 - options.min_core_ratio).max(3.0 * core_sigma(dot, noise))
     });
+}
+
+/// Standard deviation of the light in a dot's middle that a few speckle grains make: there, above
+/// 70 % of the peak, is an area of `-2 pi ln(0.7)` times the product of the standard deviations.
+fn core_sigma(dot: &Dot, noise: &NoiseModel) -> f64 {
+    let area = 2.24 * dot.sigma[0] * dot.sigma[1];
+    noise.speckle_contrast * (noise.grain_area / area).min(1.0).sqrt()
 }

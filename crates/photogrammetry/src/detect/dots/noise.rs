@@ -5,8 +5,12 @@
 //! make a dot; that is made good.
 
 use nalgebra::{Matrix3, Vector3};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
-use super::fit::{Fit, PARAMETERS, Weighting};
+use super::fit::Fit;
+use super::moments::QuadraticForm;
+use super::weighting::SATURATED;
+use super::window::{MAX_WINDOW, Row};
 use super::{NoiseModel, grains};
 use crate::image::GrayImage;
 
@@ -17,24 +21,27 @@ const LEAST_PIXELS: f64 = 200.0;
 /// Below this part of the amplitude the fitted model's own variance is negligible.
 const CORE: f64 = 0.05;
 /// Largest part of a pixel's variance that a fit is taken to have followed.
-const MOST_TAKEN: f64 = 0.75;
+const MOST_TAKEN: f32 = 0.75;
+/// Part of the pixels of a class that may be full.
+const MOST_FULL: f64 = 0.01;
 /// Rounds of reweighting in the regression.
 const ROUNDS: usize = 6;
 
 impl NoiseModel {
-    /// Whether another model gives practically the same weights.
+    /// Whether another model gives practically the same weights and covariances: a variance that
+    /// is 4 % wrong makes an uncertainty 2 % wrong.
     pub(super) fn is_near(&self, other: &Self) -> bool {
-        let near = |a: f64, b: f64, least: f64| (a - b).abs() <= 0.02 * b.abs() + least;
-        near(self.read_noise, other.read_noise, 0.01)
-            && near(self.speckle_contrast, other.speckle_contrast, 0.005)
-            && near(self.photon_gain, other.photon_gain, 0.02)
-            && near(self.grain_area, other.grain_area, 0.1)
+        let near = |a: f64, b: f64| (a - b).abs() <= 0.04 * b;
+        [0.0, 20.0, 50.0, 120.0]
+            .iter()
+            .all(|&f| near(self.pixel_variance(f), other.pixel_variance(f)))
+            && near(self.grain_area, other.grain_area)
     }
 }
 
 /// Classes of intensity in which squares are gathered, and their width in grey levels.
 const CLASSES: usize = 96;
-const CLASS_WIDTH: f64 = 3.0;
+const CLASS_WIDTH: f32 = 3.0;
 
 /// Squares of residuals of pixels of about one intensity.
 #[derive(Clone, Copy, Default)]
@@ -42,6 +49,15 @@ struct Class {
     count: f64,
     intensity: f64,
     square: f64,
+    /// How many are as bright as the picture can show.
+    full: f64,
+}
+
+impl Class {
+    /// Whether the picture's range cut off enough of the bright pixels to make the rest look calm.
+    fn is_cut(&self) -> bool {
+        self.full > MOST_FULL * self.count
+    }
 }
 
 /// Residuals of one dot.
@@ -54,7 +70,7 @@ struct Residuals {
 /// Estimates the noise from fits that were made under `present`.
 pub(super) fn estimate(image: &GrayImage, fits: &[Fit], present: &NoiseModel) -> NoiseModel {
     let all: Vec<(Residuals, &Fit)> =
-        fits.iter().filter_map(|fit| Some((residuals(image, fit, present)?, fit))).collect();
+        fits.par_iter().filter_map(|fit| Some((residuals(image, fit, present)?, fit))).collect();
     // Parts of printed patterns among the dots must not pass for speckle.
     let limit = ROUGHEST * median(all.iter().map(|(r, _)| r.roughness).collect()).max(1e-3);
     let good: Vec<&(Residuals, &Fit)> = all.iter().filter(|(r, _)| r.roughness <= limit).collect();
@@ -64,18 +80,24 @@ pub(super) fn estimate(image: &GrayImage, fits: &[Fit], present: &NoiseModel) ->
         sum.count += other.count;
         sum.intensity += other.intensity;
         sum.square += other.square;
+        sum.full += other.full;
     }
     if classes.iter().map(|class| class.count).sum::<f64>() < LEAST_PIXELS {
         return *present;
     }
-    let [n2, p, c2] = variances(&classes, present);
+    // From the first class on that the picture's range cuts, nothing is told by brighter ones.
+    let usable = classes.iter().position(Class::is_cut).unwrap_or(CLASSES);
+    let [n2, p, c2] = variances(&classes[..usable], present);
+    let brightest =
+        if usable < CLASSES { usable as f64 * f64::from(CLASS_WIDTH) } else { f64::INFINITY };
     let noise = NoiseModel {
         read_noise: n2.max(1.0 / 12.0).sqrt(),
         photon_gain: p,
         speckle_contrast: c2.sqrt(),
         ..*present
     };
-    let grain_area = grains::grain_area(image, good.iter().map(|(_, fit)| *fit), &noise, present);
+    let fits = good.iter().map(|(_, fit)| *fit);
+    let grain_area = grains::grain_area(image, fits, [&noise, present], brightest);
     NoiseModel { grain_area, ..noise }
 }
 
@@ -84,65 +106,68 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Factor of a normal matrix: the variance of the fitted model at a pixel.
-pub(super) struct Leverage {
-    /// Lower triangle, the diagonal inverted.
-    factor: [[f64; PARAMETERS]; PARAMETERS],
-}
-
-impl Leverage {
-    /// Of a fit.
-    pub(super) fn new(fit: &Fit) -> Option<Self> {
-        let lower = fit.normal.cholesky()?.unpack();
-        let entry = |i: usize, j: usize| if i == j { 1.0 / lower[(i, i)] } else { lower[(i, j)] };
-        Some(Self { factor: std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))) })
-    }
-
-    /// `L^-1 j`; the product of two is the covariance of the model at two pixels.
-    pub(super) fn of(&self, f: f64, u: f64, v: f64) -> [f64; PARAMETERS] {
-        let mut row = [f, f * u, f * v, f * u * u, f * u * v, f * v * v, 1.0];
-        for i in 0..PARAMETERS {
-            let known: f64 = (0..i).map(|j| self.factor[i][j] * row[j]).sum();
-            row[i] = (row[i] - known) * self.factor[i][i];
-        }
-        row
-    }
-}
-
-/// Product of two results of [`Leverage::of`].
-pub(super) fn dot(a: &[f64; PARAMETERS], b: &[f64; PARAMETERS]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 fn residuals(image: &GrayImage, fit: &Fit, present: &NoiseModel) -> Option<Residuals> {
-    let gaussian = &fit.gaussian;
-    let weighting = Weighting::new(fit, present, true);
-    let leverage = Leverage::new(fit)?;
-    let mut classes = [Class::default(); CLASSES];
-    let (mut excess, mut power) = (0.0, 0.0);
-    fit.window.walk(image, gaussian, |u, v, pixels, model| {
-        for (i, (&pixel, &f)) in pixels.iter().zip(model).enumerate() {
-            let pixel = f64::from(pixel);
-            let e = pixel - gaussian.background - f;
-            if weighting.of(pixel, f, e) == 0.0 {
+    let leverage = QuadraticForm::new(&fit.normal.try_inverse()?);
+    let mut gathered = Gathered::new(fit, present);
+    fit.window.walk(image, &fit.gaussian, &fit.weighting(present), |row| {
+        gathered.add(row, &leverage);
+    });
+    let Gathered { classes, excess, power, .. } = gathered;
+    Some(Residuals { classes, roughness: excess / power })
+}
+
+/// What [`residuals`] sums.
+struct Gathered {
+    classes: [Class; CLASSES],
+    excess: f64,
+    power: f64,
+    core: f32,
+    /// Grey levels above the background from which on a pixel is full.
+    full: f32,
+    /// Present read variance, photon gain, squared contrast.
+    variance: [f32; 3],
+}
+
+impl Gathered {
+    fn new(fit: &Fit, present: &NoiseModel) -> Self {
+        Self {
+            classes: [Class::default(); CLASSES],
+            excess: 0.0,
+            power: 0.0,
+            core: (CORE * fit.gaussian.amplitude) as f32,
+            full: (f64::from(SATURATED) - fit.gaussian.background) as f32 - 0.01,
+            variance: [
+                present.read_noise.powi(2) as f32,
+                present.photon_gain as f32,
+                present.speckle_contrast.powi(2) as f32,
+            ],
+        }
+    }
+
+    /// Adds a row: `E[e^2]` is the pixel's variance less that of the fitted model.
+    fn add(&mut self, row: &Row, leverage: &QuadraticForm) {
+        let mut taken = [0.0f32; MAX_WINDOW];
+        let mut squares = [0.0f32; MAX_WINDOW];
+        leverage.fill(row, &mut taken);
+        let [n2, p, c2] = self.variance;
+        for (((square, taken), &f), &e) in squares.iter_mut().zip(&taken).zip(row.f).zip(row.e) {
+            let part = (taken / (n2 + f * (p + c2 * f))).min(MOST_TAKEN);
+            *square = e * e / if f > self.core { 1.0 - part } else { 1.0 };
+        }
+        for (((&square, &f), &e), &w) in squares.iter().zip(row.f).zip(row.e).zip(row.w) {
+            if w == 0.0 {
                 continue;
             }
-            let mut square = e * e;
-            if f > CORE * gaussian.amplitude {
-                // E[e^2] is the pixel's variance less that of the fitted model.
-                let row = leverage.of(f, u + i as f64, v);
-                let taken = dot(&row, &row) / present.pixel_variance(f);
-                square /= 1.0 - taken.min(MOST_TAKEN);
-            }
-            excess += square - present.read_noise * present.read_noise;
-            power += f * f;
-            let class = &mut classes[((f / CLASS_WIDTH) as usize).min(CLASSES - 1)];
+            let (square, intensity) = (f64::from(square), f64::from(f));
+            self.excess += square - f64::from(n2);
+            self.power += intensity * intensity;
+            let class = &mut self.classes[((f / CLASS_WIDTH) as usize).min(CLASSES - 1)];
             class.count += 1.0;
-            class.intensity += f;
+            class.intensity += intensity;
             class.square += square;
+            class.full += f64::from(u8::from(f + e >= self.full));
         }
-    });
-    Some(Residuals { classes, roughness: excess / power })
+    }
 }
 
 /// Read variance, photon gain and squared contrast, none negative, by weighted regression.

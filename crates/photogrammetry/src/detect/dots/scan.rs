@@ -1,7 +1,7 @@
 //! The streaming pass: runs of pixels above the local background, row by row.
 //!
-//! Blocks of a row are compared as a whole, which the compiler does 16 pixels at a time; only
-//! where one exceeds its threshold are pixels looked at.
+//! Blocks of a band of rows are compared as a whole, which the compiler does 16 pixels at a time;
+//! only where one exceeds its threshold are pixels looked at.
 
 use super::DotOptions;
 use super::components::{Candidate, Collector, Run};
@@ -33,16 +33,35 @@ struct Level {
 pub(super) fn scan(image: &GrayImage, options: &DotOptions) -> Scanned {
     let background = Background::measure(image);
     let mut collector = Collector::new(12.0 * options.max_sigma);
-    let mut levels = Vec::new();
-    for y in 0..image.height {
-        if y % BAND == 0 {
-            levels = block_levels(image, &background, y, options);
+    let (mut brightest, mut blocks) = (Vec::new(), Vec::new());
+    for first in (0..image.height).step_by(BAND) {
+        let last = (first + BAND).min(image.height);
+        find_brightest(image, first..last, &mut brightest);
+        let levels = block_levels(image, &background, first, options);
+        blocks.clear();
+        let has_any = |block: &[u8], level: &Level| {
+            block.iter().fold(0, |most, &pixel| most.max(pixel)) > level.threshold
+        };
+        let pairs = brightest.chunks(BLOCK).zip(&levels).enumerate();
+        blocks.extend(pairs.filter(|(_, (b, level))| has_any(b, level)).map(|(i, (_, l))| (i, *l)));
+        for y in first..last {
+            collector.begin_row(y);
+            scan_row(image.row(y), &blocks, &mut collector);
         }
-        collector.begin_row(y);
-        scan_row(image.row(y), &levels, &mut collector);
     }
     let noise = background.typical_noise.max(12f64.sqrt().recip());
     Scanned { candidates: collector.finish(), noise }
+}
+
+/// The brightest pixel of each column of a band.
+fn find_brightest(image: &GrayImage, rows: std::ops::Range<usize>, brightest: &mut Vec<u8>) {
+    brightest.clear();
+    brightest.resize(image.width, 0);
+    for y in rows {
+        for (most, &pixel) in brightest.iter_mut().zip(image.row(y)) {
+            *most = (*most).max(pixel);
+        }
+    }
 }
 
 fn block_levels(
@@ -63,16 +82,18 @@ fn block_levels(
         .collect()
 }
 
-/// Finds the runs of a row and hands them on.
-fn scan_row(row: &[u8], levels: &[Level], collector: &mut Collector) {
+/// Finds the runs of a row and hands them on; only these blocks have any.
+fn scan_row(row: &[u8], blocks: &[(usize, Level)], collector: &mut Collector) {
     let mut open: Option<Run> = None;
-    for (index, (pixels, level)) in row.chunks(BLOCK).zip(levels).enumerate() {
-        if !any_above(pixels, level.threshold) {
+    for (index, level) in blocks {
+        let first = index * BLOCK;
+        let pixels = &row[first..(first + BLOCK).min(row.len())];
+        if pixels.iter().fold(0, |most, &pixel| most.max(pixel)) <= level.threshold {
             continue;
         }
         for (i, &pixel) in pixels.iter().enumerate() {
             if pixel > level.threshold {
-                let x = index * BLOCK + i;
+                let x = first + i;
                 match &mut open {
                     Some(run) if run.takes(x) => run.add(x, pixel),
                     _ => {
@@ -88,13 +109,5 @@ fn scan_row(row: &[u8], levels: &[Level], collector: &mut Collector) {
     }
     if let Some(run) = open {
         collector.add(run);
-    }
-}
-
-/// Whether a block has a pixel above a threshold.
-fn any_above(pixels: &[u8], threshold: u8) -> bool {
-    match <&[u8; BLOCK]>::try_from(pixels) {
-        Ok(block) => block.iter().fold(0, |most, &pixel| most.max(pixel)) > threshold,
-        Err(_) => pixels.iter().any(|&pixel| pixel > threshold),
     }
 }

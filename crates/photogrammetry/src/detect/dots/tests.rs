@@ -115,13 +115,27 @@ fn a_pattern_is_found_at_every_angle() {
     for step in 0..36 {
         let turn = f64::from(10 * step).to_radians();
         let mut normal = Normal::new(20 + step as u64);
-        let spots = grid(5, 40.0, turn, 120.0, [3.5, 2.5], &mut normal);
+        let spots = grid(11, 40.0, turn, 120.0, [3.5, 2.5], &mut normal);
         let size = size_for(&spots) + 30;
         let found =
             find(&Canvas::new(size, size, 40.0).spots(&spots, 0.0, 1.0, &mut normal), 3.0, 2);
         let (_, rms) = check_all_found(&found, &spots);
         assert!(rms < 0.03, "{rms}");
     }
+}
+
+#[test]
+fn a_third_of_the_dots_may_be_hidden() {
+    let mut normal = Normal::new(81);
+    let all = grid(11, 45.0, 0.2, 120.0, [3.0, 3.0], &mut normal);
+    let seen: Vec<Spot> =
+        all.iter().enumerate().filter(|(i, _)| i * 7 % 3 > 0).map(|(_, spot)| *spot).collect();
+    assert_eq!(seen.len(), 80);
+    let size = size_for(&all) + 30;
+    let found = find(&Canvas::new(size, size, 30.0).spots(&seen, 0.2, 5.0, &mut normal), 4.0, 2);
+    let (nees, _) = check_all_found(&found, &seen);
+    // 80 squares: standard deviation 2 / sqrt(80), three of them.
+    assert!((nees - 2.0).abs() < 0.7, "{nees}");
 }
 
 #[test]

@@ -2,7 +2,8 @@
 //!
 //! A row that crosses a disc shows two opposite edges with nothing between them and a quiet zone at
 //! least half as wide as the chord on either side. Rows are compared with themselves three pixels
-//! on, block by block, which the compiler does 16 pixels at a time.
+//! on, block by block, which the compiler does 16 pixels at a time; only blocks that have an edge
+//! anywhere in a band of rows are looked at closely.
 
 use nalgebra::Vector2;
 
@@ -12,6 +13,8 @@ use crate::image::GrayImage;
 
 /// Pixels of a row that are compared at once.
 const BLOCK: usize = 32;
+/// Rows that are compared before any is looked at closely.
+const BAND_ROWS: usize = 8;
 /// Distance of the pixels whose difference shows an edge: blurred edges are that wide.
 const REACH: usize = 3;
 /// Rays from the centre along which the edge is traced.
@@ -46,50 +49,90 @@ pub(super) fn each_chord(
 ) {
     let row_step = (options.min_semi_axis.floor() as usize).max(1);
     let least = (5.5 * noise).max(0.4 * options.min_contrast).clamp(4.0, 250.0) as u8;
-    let widest = 2.2 * options.max_semi_axis;
-    let mut edges = Vec::new();
-    for y in (row_step / 2..image.height).step_by(row_step) {
-        find_edges(image.row(y), least, &mut edges);
-        for (i, pair) in edges.windows(2).enumerate() {
-            let width = pair[1].x - pair[0].x;
-            if pair[0].rises == pair[1].rises || width > widest || width < options.min_semi_axis {
-                continue;
-            }
-            let before = if i > 0 { pair[0].x - edges[i - 1].x } else { pair[0].x };
-            let after = edges.get(i + 2).map_or(image.width as f64, |edge| edge.x) - pair[1].x;
-            if before.min(after) > QUIET * width {
-                each(Chord { x: 0.5 * (pair[0].x + pair[1].x), y: y as f64, width });
-            }
+    let (mut edges, mut blocks, mut steepest) = (Vec::new(), Vec::new(), Vec::new());
+    let rows: Vec<usize> = (row_step / 2..image.height).step_by(row_step).collect();
+    for band in rows.chunks(BAND_ROWS) {
+        find_blocks(image, band, least, &mut steepest, &mut blocks);
+        for &y in band {
+            find_edges(image.row(y), &blocks, least, &mut edges);
+            chords_of_row(&edges, image.width, y, options, &mut each);
         }
     }
 }
 
-/// The edges of a row, from left to right.
-fn find_edges(row: &[u8], least: u8, edges: &mut Vec<Edge>) {
-    edges.clear();
-    if row.len() <= REACH {
-        return;
+/// The blocks in which some row of a band has an edge, from left to right; `steepest` is room for
+/// the largest step of each column.
+fn find_blocks(
+    image: &GrayImage,
+    band: &[usize],
+    least: u8,
+    steepest: &mut Vec<u8>,
+    blocks: &mut Vec<usize>,
+) {
+    steepest.clear();
+    steepest.resize(image.width.saturating_sub(REACH), 0);
+    for &y in band {
+        let row = image.row(y);
+        let ahead = row.get(REACH..).unwrap_or_default();
+        for ((most, &a), &b) in steepest.iter_mut().zip(row).zip(ahead) {
+            // The difference, as two operations that 16 pixels share.
+            *most = (*most).max(a.max(b) - a.min(b));
+        }
     }
-    let ahead = &row[REACH..];
+    blocks.clear();
+    let has_edge = |block: &[u8]| block.iter().fold(0, |a, &b| a.max(b)) >= least;
+    let all = steepest.chunks(BLOCK).enumerate();
+    blocks.extend(all.filter(|(_, block)| has_edge(block)).map(|(i, _)| i));
+}
+
+fn chords_of_row(
+    edges: &[Edge],
+    width: usize,
+    y: usize,
+    options: &TargetOptions,
+    each: &mut impl FnMut(Chord),
+) {
+    let widest = 2.2 * options.max_semi_axis;
+    for (i, pair) in edges.windows(2).enumerate() {
+        let chord = pair[1].x - pair[0].x;
+        if pair[0].rises == pair[1].rises || chord > widest || chord < options.min_semi_axis {
+            continue;
+        }
+        let before = if i > 0 { pair[0].x - edges[i - 1].x } else { pair[0].x };
+        let after = edges.get(i + 2).map_or(width as f64, |edge| edge.x) - pair[1].x;
+        if before.min(after) > QUIET * chord {
+            each(Chord { x: 0.5 * (pair[0].x + pair[1].x), y: y as f64, width: chord });
+        }
+    }
+}
+
+/// The edges of a row, from left to right; only these blocks have any.
+fn find_edges(row: &[u8], blocks: &[usize], least: u8, edges: &mut Vec<Edge>) {
+    edges.clear();
     let mut open: Option<OpenEdge> = None;
-    for (index, (near, far)) in row.chunks(BLOCK).zip(ahead.chunks(BLOCK)).enumerate() {
-        if steepest(near, far) < least {
-            if let Some(edge) = open.take() {
-                edges.push(edge.close());
-            }
+    let mut expected = 0;
+    for &block in blocks {
+        if block != expected {
+            edges.extend(open.take().map(|edge| edge.close()));
+        }
+        expected = block + 1;
+        let first = block * BLOCK;
+        let last = (first + BLOCK).min(row.len().saturating_sub(REACH));
+        let (near, far) = (&row[first..last], &row[first + REACH..last + REACH]);
+        let steps = near.iter().zip(far).map(|(&a, &b)| a.max(b) - a.min(b));
+        if steps.fold(0, u8::max) < least {
+            edges.extend(open.take().map(|edge| edge.close()));
             continue;
         }
         for (i, (&a, &b)) in near.iter().zip(far).enumerate() {
-            let rises = b > a;
-            let step = f64::from(a.abs_diff(b));
-            let is_edge = a.abs_diff(b) >= least;
-            if let Some(edge) = open.take_if(|edge| !is_edge || edge.rises != rises) {
+            let (x, step, rises) = (first + i, a.abs_diff(b), b > a);
+            if let Some(edge) = open.take_if(|edge| step < least || edge.rises != rises) {
                 edges.push(edge.close());
             }
-            if is_edge {
-                let edge = open.get_or_insert(OpenEdge { rises, weight: 0.0, moment: 0.0 });
-                edge.weight += step;
-                edge.moment += step * (index * BLOCK + i) as f64;
+            if step >= least {
+                let edge = open.get_or_insert(OpenEdge { rises, weight: 0, moment: 0 });
+                edge.weight += u64::from(step);
+                edge.moment += u64::from(step) * x as u64;
             }
         }
     }
@@ -99,28 +142,18 @@ fn find_edges(row: &[u8], least: u8, edges: &mut Vec<Edge>) {
 /// An edge whose end has not been seen yet.
 struct OpenEdge {
     rises: bool,
-    weight: f64,
-    moment: f64,
+    weight: u64,
+    moment: u64,
 }
 
 impl OpenEdge {
     fn close(&self) -> Edge {
-        Edge { x: self.moment / self.weight + 0.5 * REACH as f64, rises: self.rises }
-    }
-}
-
-/// The largest difference in a block.
-fn steepest(near: &[u8], far: &[u8]) -> u8 {
-    match (<&[u8; BLOCK]>::try_from(near), <&[u8; BLOCK]>::try_from(far)) {
-        (Ok(near), Ok(far)) => {
-            near.iter().zip(far).fold(0, |most, (a, b)| most.max(a.abs_diff(*b)))
-        }
-        _ => near.iter().zip(far).fold(0, |most, (a, b)| most.max(a.abs_diff(*b))),
+        Edge { x: self.moment as f64 / self.weight as f64 + 0.5 * REACH as f64, rises: self.rises }
     }
 }
 
 /// The half-way level between disc and ground, and on which side of it the disc is.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 struct Threshold {
     level: f64,
     is_light: bool,
@@ -131,10 +164,32 @@ impl Threshold {
     fn inside(&self, value: f64) -> f64 {
         if self.is_light { value - self.level } else { self.level - value }
     }
+
+    /// Whether a pixel is inside.
+    fn has_inside(&self, pixel: u8) -> bool {
+        self.inside(f64::from(pixel)) > 0.0
+    }
 }
 
-/// The ellipse through the edge around a chord, roughly.
-pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -> Option<Ellipse> {
+/// An area that may be a disc, by its extent along row and column through its middle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Blob {
+    centre: Vector2<f64>,
+    /// Half its width and height, pixels.
+    half: Vector2<f64>,
+    threshold: Threshold,
+}
+
+impl Blob {
+    /// Whether another chord led to the same area, to the pixels of the walks.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        (self.centre - other.centre).amax() < 1.3 && (self.half - other.half).amax() < 1.3
+    }
+}
+
+/// The area around a chord: walks along column and row from edge to edge, in whole pixels, each
+/// from the middle of the one before.
+pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) -> Option<Blob> {
     let at = |x: f64| sample(image, x, chord.y);
     let disc = at(chord.x)?;
     let outside = 0.5 + 0.6 * QUIET;
@@ -144,28 +199,88 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
         return None;
     }
     let threshold = Threshold { level: 0.5 * (disc + ground), is_light: disc > ground };
-    let reach = 1.1 * options.max_semi_axis;
-    let mut centre = Vector2::new(chord.x, chord.y);
-    let mut size = Vector2::new(0.5 * chord.width, 0.0);
-    for axis in [1, 0, 1, 0, 1] {
-        let mut direction = Vector2::zeros();
-        direction[axis] = 1.0;
-        let forward = ray(image, &centre, &direction, 2.0 * reach, threshold)?;
-        let backward = ray(image, &centre, &-direction, 2.0 * reach, threshold)?;
-        centre[axis] += 0.5 * (forward - backward);
-        size[axis] = 0.5 * (forward + backward);
+    let mut centre = [chord.x.round() as usize, chord.y as usize];
+    let mut half = Vector2::zeros();
+    for axis in [1, 0, 1] {
+        let [first, last] = walk(image, centre, axis, options, threshold)?;
+        centre[axis] = usize::midpoint(first, last);
+        half[axis] = 0.5 * (last + 1 - first) as f64;
     }
-    if size.max() > reach || size.min() < 0.7 * options.min_semi_axis {
+    let centre = Vector2::new(centre[0] as f64, centre[1] as f64);
+    let threshold = threshold_around(image, &centre, &half, options)?;
+    (half.min() > 0.7 * options.min_semi_axis).then_some(Blob { centre, half, threshold })
+}
+
+/// Half way between the middle of an area and its quiet zone on four sides: the same whichever
+/// chord led to the area.
+fn threshold_around(
+    image: &GrayImage,
+    centre: &Vector2<f64>,
+    half: &Vector2<f64>,
+    options: &TargetOptions,
+) -> Option<Threshold> {
+    let away = half * (1.0 + 1.2 * QUIET);
+    let at = |x: f64, y: f64| sample(image, centre.x + x, centre.y + y);
+    let disc = at(0.0, 0.0)?;
+    let ground =
+        0.25 * (at(away.x, 0.0)? + at(-away.x, 0.0)? + at(0.0, away.y)? + at(0.0, -away.y)?);
+    let is_plain = (disc - ground).abs() > 0.7 * options.min_contrast;
+    is_plain.then_some(Threshold { level: 0.5 * (disc + ground), is_light: disc > ground })
+}
+
+/// First and last pixel inside along a column (axis 1) or row (axis 0); `None` where the area goes
+/// on beyond reach or border, or the quiet zone around it is too narrow.
+fn walk(
+    image: &GrayImage,
+    from: [usize; 2],
+    axis: usize,
+    options: &TargetOptions,
+    threshold: Threshold,
+) -> Option<[usize; 2]> {
+    let (stride, size) = [(1, image.width), (image.width, image.height)][axis];
+    let origin = from[1] * image.width + from[0] - from[axis] * stride;
+    let is_inside = |at: usize| threshold.inside(f64::from(image.data[origin + at * stride])) > 0.0;
+    let reach = (2.2 * options.max_semi_axis) as usize;
+    let (mut first, mut last) = (from[axis], from[axis]);
+    if last >= size || !is_inside(last) {
         return None;
     }
-    let mut points = Vec::with_capacity(RAYS);
-    for i in 0..RAYS {
-        let (sin, cos) = (std::f64::consts::TAU * i as f64 / RAYS as f64).sin_cos();
-        let direction = Vector2::new(cos, sin);
-        let length = ray(image, &centre, &direction, 1.5 * reach, threshold)?;
-        points.push(centre + direction * length);
+    while is_inside(first.checked_sub(1)?) {
+        first -= 1;
+        if last - first > reach {
+            return None;
+        }
     }
-    let ellipse = Ellipse::through(&points, centre)?;
+    while last + 1 < size && is_inside(last + 1) {
+        last += 1;
+        if last - first > reach {
+            return None;
+        }
+    }
+    let quiet = (QUIET * (last + 1 - first) as f64) as usize + 1;
+    let is_quiet =
+        last + quiet < size && !is_inside(last + quiet) && !is_inside(first.checked_sub(quiet)?);
+    is_quiet.then_some([first, last])
+}
+
+/// The ellipse through the edge of an area, roughly.
+pub(super) fn trace(image: &GrayImage, blob: &Blob, options: &TargetOptions) -> Option<Ellipse> {
+    let reach = 1.1 * options.max_semi_axis;
+    let mut lengths = [0.0; RAYS];
+    let length = |i: usize| ray(image, &blob.centre, &direction(i), 1.5 * reach, blob.threshold);
+    // Every fourth ray first: most areas are no ellipse, and these tell.
+    for i in (0..RAYS).step_by(4) {
+        lengths[i] = length(i)?;
+    }
+    if !is_round(std::array::from_fn(|i| lengths[4 * i])) {
+        return None;
+    }
+    for i in (0..RAYS).filter(|i| i % 4 != 0) {
+        lengths[i] = length(i)?;
+    }
+    let points: [Vector2<f64>; RAYS] =
+        std::array::from_fn(|i| blob.centre + direction(i) * lengths[i]);
+    let ellipse = Ellipse::through(&points, blob.centre)?;
     let [large, small] = ellipse.semi_axes();
     let misfit =
         points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
@@ -174,8 +289,45 @@ pub(super) fn trace(image: &GrayImage, chord: &Chord, options: &TargetOptions) -
         .then_some(ellipse)
 }
 
+/// Whether four diameters, 45 degrees apart, may be those of an ellipse: the inverse squares of two
+/// that cross at right angles have the same sum in any direction. Half of the sum is left for
+/// pixels and a centre that is not quite one.
+fn is_round(lengths: [f64; 8]) -> bool {
+    let inverse: [f64; 4] = std::array::from_fn(|i| (0.5 * (lengths[i] + lengths[i + 4])).powi(-2));
+    let ratio = (inverse[0] + inverse[2]) / (inverse[1] + inverse[3]);
+    (0.6..1.67).contains(&ratio)
+}
+
+/// The directions of the rays, evenly around the circle from x towards y.
+fn direction(i: usize) -> Vector2<f64> {
+    /// Sines from 0 to 90 degrees.
+    const SINES: [f64; RAYS / 4 + 1] = [
+        0.0,
+        0.195_090_322_016_128_27,
+        0.382_683_432_365_089_8,
+        0.555_570_233_019_602_2,
+        0.707_106_781_186_547_5,
+        0.831_469_612_302_545_2,
+        0.923_879_532_511_286_7,
+        0.980_785_280_403_230_4,
+        1.0,
+    ];
+    let quarter = RAYS / 4;
+    let (sin, cos) = (SINES[i % quarter], SINES[quarter - i % quarter]);
+    match i / quarter {
+        0 => Vector2::new(cos, sin),
+        1 => Vector2::new(-sin, cos),
+        2 => Vector2::new(-cos, -sin),
+        _ => Vector2::new(sin, -cos),
+    }
+}
+
+/// Parts of a pixel in which a ray counts its way.
+const FIXED: f64 = 65_536.0;
+
 /// Distance from inside to the edge along a direction, pixels; `None` where there is none within
-/// reach or inside the picture.
+/// reach or inside the picture. Whole pixels are looked at up to the edge, and its place is then
+/// interpolated.
 fn ray(
     image: &GrayImage,
     from: &Vector2<f64>,
@@ -183,21 +335,44 @@ fn ray(
     reach: f64,
     threshold: Threshold,
 ) -> Option<f64> {
-    let mut before = threshold.inside(sample(image, from.x, from.y)?);
-    if before <= 0.0 {
-        return None;
-    }
-    let mut length = 1.0;
-    while length <= reach {
-        let at = from + direction * length;
-        let here = threshold.inside(sample(image, at.x, at.y)?);
-        if here <= 0.0 {
-            return Some(length - 1.0 + before / (before - here));
+    let fixed = |value: f64| (value * FIXED) as i64;
+    let (dx, dy) = (fixed(direction.x), fixed(direction.y));
+    let (mut x, mut y) = (fixed(from.x + 0.5), fixed(from.y + 0.5));
+    let (width, height) = (fixed(image.width as f64), fixed(image.height as f64));
+    for step in 1..=reach as usize {
+        (x, y) = (x + dx, y + dy);
+        if x < 0 || y < 0 || x >= width || y >= height {
+            return None;
         }
-        before = here;
-        length += 1.0;
+        let at = (y >> 16) as usize * image.width + (x >> 16) as usize;
+        if !threshold.has_inside(image.data[at]) {
+            return cross(image, from, direction, step as f64, threshold);
+        }
     }
     None
+}
+
+/// Where the edge is next to a length at which the nearest pixel was outside.
+fn cross(
+    image: &GrayImage,
+    from: &Vector2<f64>,
+    direction: &Vector2<f64>,
+    length: f64,
+    threshold: Threshold,
+) -> Option<f64> {
+    let inside = |length: f64| {
+        let at = from + direction * length;
+        Some(threshold.inside(sample(image, at.x, at.y)?))
+    };
+    let mut before = inside(length - 1.0)?;
+    for step in 0..3 {
+        let here = inside(length + f64::from(step))?;
+        if before > 0.0 && here <= 0.0 {
+            return Some(length + f64::from(step) - 1.0 + before / (before - here));
+        }
+        before = here;
+    }
+    Some(length - 0.5)
 }
 
 /// Grey value between pixels, bilinear; `None` outside.

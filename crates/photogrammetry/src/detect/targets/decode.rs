@@ -3,7 +3,7 @@
 //! Every sector must be plainly dark or plainly light, evenly so, and the zone between disc and
 //! ring must be quiet; a ring that is not so is refused. Nothing is guessed or corrected.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::candidates::sample;
 use super::edge_fit::Levels;
@@ -21,29 +21,36 @@ const RING_RADII: [f64; 3] = [2.3, 2.5, 2.7];
 const QUIET_RADII: [f64; 2] = [1.4, 1.6];
 /// Part of the directions of a sector, in its middle, that are read: the rest is blurred.
 const MIDDLE: f64 = 0.6;
+/// Margin of the first reading, through an ellipse that is good to half a pixel: what remains is
+/// that the ring changes at regular places only.
+const FORGIVING: f64 = 0.55;
 
-/// A quick look with few samples: does anything stand around the disc at the ring's distance, with
-/// nothing between? Not so around laser dots and single spots.
+/// A quick look with few samples, and a reading that forgives much: is there a ring at all? Not so
+/// around laser dots, single spots and the ring's own sectors.
 pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
     let map = ellipse.map();
-    let ring = |radius: f64| -> Option<Vec<f64>> {
-        (0..2 * SECTORS)
-            .map(|i| {
-                let (sin, cos) = (std::f64::consts::PI * i as f64 / SECTORS as f64).sin_cos();
-                let at = ellipse.centre + map * Vector2::new(cos, sin) * radius;
-                sample(image, at.x, at.y)
-            })
-            .collect()
+    let ring = |radius: f64| -> Option<[f64; 2 * SECTORS]> {
+        let mut values = [0.0; 2 * SECTORS];
+        let mut direction = Direction::begin(values.len());
+        for value in &mut values {
+            let at = ellipse.centre + map * direction.next() * radius;
+            *value = sample(image, at.x, at.y)?;
+        }
+        Some(values)
     };
-    let (Some(disc), Some(quiet), Some(code)) = (ring(0.4), ring(1.5), ring(2.5)) else {
+    let (Some(disc), Some(quiet)) = (ring(0.4), ring(1.5)) else {
         return false;
     };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let (disc, ground) = (mean(&disc), mean(&quiet));
-    let part = |value: &f64| (value - ground) / (disc - ground);
-    quiet.iter().all(|value| part(value).abs() < 0.5)
-        && code.iter().any(|value| part(value) > 0.5)
+    let levels = Levels { disc: mean(&disc), ground: mean(&quiet), slope: Vector2::zeros() };
+    let part = |value: &f64| (value - levels.ground) / (levels.disc - levels.ground);
+    if !quiet.iter().all(|value| part(value).abs() < 0.5) {
+        return false;
+    }
+    let Some(code) = ring(2.5) else { return false };
+    code.iter().any(|value| part(value) > 0.5)
         && code.iter().any(|value| part(value) < 0.5)
+        && read(image, ellipse, &levels, FORGIVING).is_some()
 }
 
 /// The canonical code; `None` unless it is beyond doubt. `margin` is how far a value may be from
@@ -77,10 +84,29 @@ pub(super) fn read(
     (bits != 0 && bits != all).then(|| canonical_code(bits))
 }
 
+/// Unit vectors around the circle, each from the one before: rounding stays below 1e-13.
+struct Direction {
+    turn: Matrix2<f64>,
+    at: Vector2<f64>,
+}
+
+impl Direction {
+    fn begin(count: usize) -> Self {
+        let (sin, cos) = (std::f64::consts::TAU / count as f64).sin_cos();
+        Self { turn: Matrix2::new(cos, -sin, sin, cos), at: Vector2::new(1.0, 0.0) }
+    }
+
+    fn next(&mut self) -> Vector2<f64> {
+        let here = self.at;
+        self.at = self.turn * here;
+        here
+    }
+}
+
 struct Reader<'a> {
     image: &'a GrayImage,
     ellipse: &'a Ellipse,
-    map: nalgebra::Matrix2<f64>,
+    map: Matrix2<f64>,
     levels: &'a Levels,
 }
 
@@ -88,9 +114,9 @@ impl Reader<'_> {
     /// Values on a circle of the target's plane, clockwise in the picture: 0 ground, 1 disc.
     fn circle(&self, radius: f64) -> Option<[f64; DIRECTIONS]> {
         let mut values = [0.0; DIRECTIONS];
-        for (i, value) in values.iter_mut().enumerate() {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / DIRECTIONS as f64).sin_cos();
-            let offset = self.map * Vector2::new(cos, sin) * radius;
+        let mut direction = Direction::begin(DIRECTIONS);
+        for value in &mut values {
+            let offset = self.map * direction.next() * radius;
             let at = self.ellipse.centre + offset;
             let light = (1.0 + self.levels.slope.dot(&offset)).clamp(0.4, 2.5);
             let grey = sample(self.image, at.x, at.y)? / light;

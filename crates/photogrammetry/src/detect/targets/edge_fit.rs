@@ -7,13 +7,14 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
+use super::band::Band;
 use super::ellipse::Ellipse;
 use crate::image::GrayImage;
 
 /// Centre 2, shape 3, disc, ground, blur, slope of the light 2.
-const PARAMETERS: usize = 10;
-type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
-type Vector = SVector<f64, PARAMETERS>;
+pub(super) const PARAMETERS: usize = 10;
+pub(super) type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
+pub(super) type Vector = SVector<f64, PARAMETERS>;
 
 /// Steps before a fit is given up.
 const MAX_STEPS: usize = 25;
@@ -21,9 +22,12 @@ const MAX_STEPS: usize = 25;
 /// is no ellipse.
 const MOST_MISFIT: f64 = 0.2;
 /// Steps in which the band of pixels follows the ellipse.
-const BAND_STEPS: usize = 3;
-/// A centre that moves less than this is final, pixels.
-const CONVERGED: f64 = 1e-3;
+const BAND_STEPS: usize = 2;
+/// A centre that moves less than this is final, pixels: the next step would be a tenth of it, and
+/// the best centres are good to 0.01.
+const CONVERGED: f64 = 4e-3;
+/// Likewise of the blur.
+const BLUR_CONVERGED: f64 = 0.03;
 
 /// Grey levels of a target and the light on it.
 #[derive(Debug, Clone, Copy)]
@@ -54,124 +58,62 @@ pub(super) struct EdgeFit {
 
 /// The state of the fit.
 #[derive(Clone, Copy)]
-struct Model {
-    ellipse: Ellipse,
-    levels: Levels,
-    blur: f64,
+pub(super) struct Model {
+    pub(super) ellipse: Ellipse,
+    pub(super) levels: Levels,
+    pub(super) blur: f64,
 }
 
 /// Fits the edge, starting from a rough ellipse.
 pub(super) fn fit(image: &GrayImage, rough: &Ellipse) -> Option<EdgeFit> {
-    let mut model = start(image, rough)?;
-    let mut band = *rough;
+    let mut band = Band::around(image, rough);
+    let mut model = start(&band, rough)?;
     for count in 0..MAX_STEPS {
         // Then the band stands still: a pixel that comes and goes with it would never let go.
-        if count < BAND_STEPS {
-            band = model.ellipse;
+        if (1..BAND_STEPS).contains(&count) {
+            band = Band::around(image, &model.ellipse);
         }
-        let sums = accumulate(image, &model, &band)?;
+        let sums = band.sums(&model)?;
         let step = sums.normal.cholesky()?.solve(&sums.right);
         let next = model.advance(&step)?;
         let moved = (next.ellipse.centre - model.ellipse.centre).norm();
         model = next;
-        if moved < CONVERGED && step[7].abs() < 0.01 {
-            return finish(image, &model, &band, rough);
+        if moved < CONVERGED && step[7].abs() < BLUR_CONVERGED {
+            return finish(&band, &model, rough);
         }
     }
     None
 }
 
 /// Levels from inside and outside of the rough ellipse.
-fn start(image: &GrayImage, rough: &Ellipse) -> Option<Model> {
+fn start(band: &Band, rough: &Ellipse) -> Option<Model> {
     let (mut disc, mut ground) = ([0.0, 0.0], [0.0, 0.0]);
     let clear = 0.6 * half_band(rough);
-    for_band(image, rough, &mut |at, pixel| {
-        let radius = rough.radius(&at);
+    for pixel in &band.pixels {
+        let at = band.origin + Vector2::new(f64::from(pixel.x), f64::from(pixel.y));
+        let (radius, grey) = (rough.radius(&at), f64::from(pixel.grey));
         if radius < 1.0 - clear {
-            disc = [disc[0] + pixel, disc[1] + 1.0];
+            disc = [disc[0] + grey, disc[1] + 1.0];
         } else if radius > 1.0 + clear {
-            ground = [ground[0] + pixel, ground[1] + 1.0];
+            ground = [ground[0] + grey, ground[1] + 1.0];
         }
-    });
+    }
     let levels =
         Levels { disc: disc[0] / disc[1], ground: ground[0] / ground[1], slope: Vector2::zeros() };
     levels.contrast().is_finite().then_some(Model { ellipse: *rough, levels, blur: 0.8 })
 }
 
 /// Half the width of the band around an ellipse, in radii: 4.5 pixels, within disc and quiet zone.
-fn half_band(ellipse: &Ellipse) -> f64 {
+pub(super) fn half_band(ellipse: &Ellipse) -> f64 {
     (4.5 / ellipse.semi_axes()[1]).clamp(0.25, 0.55)
-}
-
-/// Calls `each` for the pixels of the band around an ellipse: the edge, and enough of disc and
-/// quiet zone for their levels.
-fn for_band(image: &GrayImage, ellipse: &Ellipse, each: &mut impl FnMut(Vector2<f64>, f64)) {
-    let half = half_band(ellipse);
-    let inverse = ellipse.shape.try_inverse().unwrap_or_else(Matrix2::zeros);
-    let reach = Vector2::new(inverse[(0, 0)].sqrt(), inverse[(1, 1)].sqrt()) * (1.0 + half);
-    let range = |centre: f64, reach: f64, size: usize| {
-        let first = (centre - reach).ceil().max(0.0) as usize;
-        first..((centre + reach).floor().max(-1.0) + 1.0).min(size as f64) as usize
-    };
-    let squares = (1.0 - half).powi(2)..(1.0 + half).powi(2);
-    for y in range(ellipse.centre.y, reach.y, image.height) {
-        let row = image.row(y);
-        for x in range(ellipse.centre.x, reach.x, image.width) {
-            let at = Vector2::new(x as f64, y as f64);
-            if squares.contains(&ellipse.square_radius(&at)) {
-                each(at, f64::from(row[x]));
-            }
-        }
-    }
-}
-
-/// Sums of the normal equations; of outer products the lower triangle only.
-struct Sums {
-    normal: Normal,
-    right: Vector,
-    count: f64,
-    squares: f64,
-}
-
-fn add_lower(sum: &mut Normal, row: &Vector, weight: f64) {
-    for j in 0..PARAMETERS {
-        let factor = weight * row[j];
-        for i in j..PARAMETERS {
-            sum[(i, j)] += factor * row[i];
-        }
-    }
-}
-
-fn fill_upper(sum: &mut Normal) {
-    *sum = Normal::from_fn(|i, j| sum[(i.max(j), i.min(j))]);
-}
-
-fn accumulate(image: &GrayImage, model: &Model, band: &Ellipse) -> Option<Sums> {
-    let mut sums =
-        Sums { normal: Normal::zeros(), right: Vector::zeros(), count: 0.0, squares: 0.0 };
-    for_band(image, band, &mut |at, pixel| {
-        let (value, row) = model.at(&at);
-        let e = pixel - value;
-        add_lower(&mut sums.normal, &row, 1.0);
-        sums.right += row * e;
-        sums.count += 1.0;
-        sums.squares += e * e;
-    });
-    fill_upper(&mut sums.normal);
-    (sums.count > 3.0 * PARAMETERS as f64).then_some(sums)
 }
 
 /// The covariance from the scatter of the residuals where they are, since dark and light pixels
 /// differ in noise (White's estimator).
-fn finish(image: &GrayImage, model: &Model, band: &Ellipse, rough: &Ellipse) -> Option<EdgeFit> {
-    let sums = accumulate(image, model, band)?;
+fn finish(band: &Band, model: &Model, rough: &Ellipse) -> Option<EdgeFit> {
+    let sums = band.sums(model)?;
     let inverse = sums.normal.try_inverse()?;
-    let mut scatter = Normal::zeros();
-    for_band(image, band, &mut |at, pixel| {
-        let (value, row) = model.at(&at);
-        add_lower(&mut scatter, &row, (pixel - value).powi(2));
-    });
-    fill_upper(&mut scatter);
+    let scatter = band.scatter(model);
     let freedom = sums.count / (sums.count - PARAMETERS as f64);
     let covariance = (inverse * scatter * inverse).fixed_view::<2, 2>(0, 0) * freedom;
     let noise = (sums.squares / sums.count * freedom).sqrt();
@@ -186,39 +128,6 @@ fn finish(image: &GrayImage, model: &Model, band: &Ellipse, rough: &Ellipse) -> 
 }
 
 impl Model {
-    /// Grey value at a place and its derivatives.
-    fn at(&self, at: &Vector2<f64>) -> (f64, Vector) {
-        let u = at - self.ellipse.centre;
-        let gradient = self.ellipse.shape * u;
-        let radius = u.dot(&gradient).max(1e-12).sqrt();
-        let steepness = gradient.norm() / radius;
-        let distance = (radius - 1.0) / steepness;
-        let t = distance / self.blur;
-        let bell = if t.abs() < 7.0 { (-0.5 * t * t).exp() } else { 0.0 };
-        let part = upper_tail(t, bell);
-        let density = bell / (std::f64::consts::TAU.sqrt() * self.blur);
-        let light = 1.0 + self.levels.slope.dot(&u);
-        let difference = self.levels.disc - self.levels.ground;
-        let plain = self.levels.ground + difference * part;
-        // By the radius: d part / d radius; the change of the steepness is of second order.
-        let by_radius = -density / steepness * light * difference;
-        let by_shape = by_radius / (2.0 * radius);
-        let shift = -gradient / radius * by_radius;
-        let row = Vector::from([
-            shift.x,
-            shift.y,
-            by_shape * u.x * u.x,
-            by_shape * 2.0 * u.x * u.y,
-            by_shape * u.y * u.y,
-            light * part,
-            light * (1.0 - part),
-            density * t * light * difference,
-            plain * u.x,
-            plain * u.y,
-        ]);
-        (light * plain, row)
-    }
-
     /// The model after a step; `None` where it leaves what a disc can be.
     fn advance(&self, step: &Vector) -> Option<Self> {
         let mut part: f64 = 1.0;
@@ -246,15 +155,4 @@ impl Model {
         }
         None
     }
-}
-
-/// Part of a normal distribution above t, error below 1.5e-7 (Abramowitz and Stegun 7.1.26);
-/// `bell` is `exp(-t^2 / 2)`.
-fn upper_tail(t: f64, bell: f64) -> f64 {
-    let z = t.abs() * std::f64::consts::FRAC_1_SQRT_2;
-    let r = 1.0 / (1.0 + 0.327_591_1 * z);
-    let series = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];
-    let polynomial = series.iter().fold(0.0, |sum, c| sum * r + c) * r;
-    let tail = 0.5 * polynomial * bell;
-    if t >= 0.0 { tail } else { 1.0 - tail }
 }

@@ -80,16 +80,4 @@ impl Ellipse {
         let shape = &self.shape;
         shape[(0, 0)] * u * u + 2.0 * shape[(0, 1)] * u * v + shape[(1, 1)] * v * v
     }
-
-    /// Whether both ends of a horizontal chord lie about on the ellipse.
-    pub(super) fn has_chord(&self, middle: &Vector2<f64>, width: f64) -> bool {
-        let end = Vector2::new(0.5 * width, 0.0);
-        [middle - end, middle + end].iter().all(|at| (0.7..1.35).contains(&self.square_radius(at)))
-    }
-
-    /// Whether another ellipse is about the same.
-    pub(super) fn is_near(&self, other: &Self) -> bool {
-        let change = self.shape.determinant() / other.shape.determinant();
-        self.radius(&other.centre) < 0.2 && (0.6..1.6).contains(&change)
-    }
 }

@@ -5,6 +5,7 @@
 //! ring is read through the ellipse's affine map ([`decode`]). A code that is not clear is refused.
 //! Not corrected here: the eccentricity of circle images and lens distortion.
 
+mod band;
 mod candidates;
 mod decode;
 mod edge_fit;
@@ -19,11 +20,12 @@ use super::background::typical_noise;
 use super::{ImagePoint, Target};
 use crate::image::GrayImage;
 use crate::scene::{RING_BITS, canonical_code, ring_sectors};
+use candidates::{Blob, Chord};
 use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
-/// Refused discs that are remembered, so that their next chord is not measured again.
-const REFUSED_KEPT: usize = 128;
+/// Areas that are remembered, so that their next chord is not looked at again.
+const TRIED_KEPT: usize = 128;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -60,31 +62,38 @@ impl Default for TargetOptions {
 #[must_use]
 pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
     let noise = typical_noise(image);
-    let mut targets: Vec<Target> = Vec::new();
-    let mut refused: Vec<Ellipse> = Vec::new();
-    candidates::each_chord(image, noise, options, |chord| {
+    let mut search = Search { image, options, targets: Vec::new(), tried: Vec::new() };
+    candidates::each_chord(image, noise, options, |chord| search.look(&chord));
+    search.targets
+}
+
+/// What was found so far.
+struct Search<'a> {
+    image: &'a GrayImage,
+    options: &'a TargetOptions,
+    targets: Vec<Target>,
+    /// Areas that were looked at, targets or not: every disc has many chords.
+    tried: Vec<Blob>,
+}
+
+impl Search<'_> {
+    /// Measures what is around a chord, unless it was before.
+    fn look(&mut self, chord: &Chord) {
         let place = Vector2::new(chord.x, chord.y);
-        if targets.iter().any(|target| target.covers(&place, 1.0))
-            || refused
-                .iter()
-                .rev()
-                .take(REFUSED_KEPT)
-                .any(|other| other.has_chord(&place, chord.width))
-        {
+        if self.targets.iter().any(|target| target.covers(&place, 1.0)) {
             return;
         }
-        let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
-        if targets.iter().any(|target| target.covers(&ellipse.centre, 1.0))
-            || refused.iter().rev().take(REFUSED_KEPT).any(|other| other.is_near(&ellipse))
-        {
+        let Some(blob) = candidates::blob(self.image, chord, self.options) else { return };
+        if self.tried.iter().rev().take(TRIED_KEPT).any(|other| other.is_same(&blob)) {
             return;
         }
-        match measure(image, &ellipse, options) {
-            Some(target) => keep(&mut targets, target),
-            None => refused.push(ellipse),
+        self.tried.push(blob);
+        if let Some(ellipse) = candidates::trace(self.image, &blob, self.options)
+            && let Some(target) = measure(self.image, &ellipse, self.options)
+        {
+            keep(&mut self.targets, target);
         }
-    });
-    targets
+    }
 }
 
 /// Adds a target, unless it lies on another that is more plainly one: rings do not overlap, so one
@@ -112,15 +121,17 @@ pub(crate) struct PlainDisc {
 
 /// Every disc of a picture, coded or not, from top to bottom: for sheets of plain dots.
 pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Vec<PlainDisc> {
+    let mut tried: Vec<Blob> = Vec::new();
     let mut known: Vec<Ellipse> = Vec::new();
     let mut discs = Vec::new();
     candidates::each_chord(image, typical_noise(image), options, |chord| {
-        let place = Vector2::new(chord.x, chord.y);
-        if known.iter().rev().take(REFUSED_KEPT).any(|other| other.has_chord(&place, chord.width)) {
+        let Some(blob) = candidates::blob(image, &chord, options) else { return };
+        if tried.iter().rev().take(TRIED_KEPT).any(|other| other.is_same(&blob)) {
             return;
         }
-        let Some(ellipse) = candidates::trace(image, &chord, options) else { return };
-        if known.iter().rev().any(|other| other.is_near(&ellipse)) {
+        tried.push(blob);
+        let Some(ellipse) = candidates::trace(image, &blob, options) else { return };
+        if known.iter().any(|other| other.square_radius(&ellipse.centre) < 1.0) {
             return;
         }
         known.push(ellipse);
@@ -187,8 +198,12 @@ impl Target {
     /// target: 1 is the disc's edge, 3 the outer edge of the ring.
     #[must_use]
     pub fn covers(&self, at: &Vector2<f64>, radii: f64) -> bool {
-        let (sin, cos) = self.angle.sin_cos();
         let offset = at - self.point.at;
+        // Most places are nowhere near.
+        if offset.amax() > radii * self.semi_axes[0] {
+            return false;
+        }
+        let (sin, cos) = self.angle.sin_cos();
         let along = (offset.x * cos + offset.y * sin) / self.semi_axes[0];
         let across = (offset.y * cos - offset.x * sin) / self.semi_axes[1];
         along.hypot(across) < radii

@@ -1,7 +1,7 @@
 use nalgebra::Vector2;
 
 use super::*;
-use crate::detect::testing::{Canvas, Normal, Print, Spot};
+use crate::detect::testing::{Canvas, Normal, Print, Spot, target_cell};
 
 /// Chi-square of two degrees of freedom exceeds this once in ten thousand.
 const RARE: f64 = 18.4;
@@ -112,6 +112,77 @@ fn a_sector_that_is_neither_dark_nor_light_is_refused() {
     half.iter_mut().zip(more).for_each(|(a, b)| *a = 0.5 * (*a + b));
     let canvas = Canvas::new(121, 121, 0.0).map(|x, y, _| half[y as usize * 121 + x as usize]);
     assert!(find(canvas.blur(0.7), 2.0, 4).is_empty());
+}
+
+#[test]
+fn a_sector_between_dark_and_light_never_makes_a_code() {
+    let codes = usable_codes();
+    let mut normal = Normal::new(17);
+    let (pitch, radius) = (60.0, 8.0);
+    let place = |k: usize| (k as f64 + 0.5) * pitch;
+    let prints: Vec<Print> = (0..100)
+        .map(|i| {
+            let at = [place(i % 10), place(i / 10)];
+            Print { turn: i as f64, ..Print::dark(at, codes[13 * i % codes.len()], radius) }
+        })
+        .collect();
+    let other: Vec<Print> = prints
+        .iter()
+        .enumerate()
+        .map(|(i, print)| Print { code: print.code ^ 1 << (i % 12), ..*print })
+        .collect();
+    let size = (10.0 * pitch) as usize;
+    let draw = |prints: &[Print]| Canvas::new(size, size, 180.0).prints(prints).values().to_vec();
+    let (one, two) = (draw(&prints), draw(&other));
+    // One sector of each is 0.38 to 0.62 of the way: beyond the margin of 0.3 even with noise.
+    let parts: Vec<f64> = (0..100).map(|_| normal.uniform(0.38, 0.62)).collect();
+    let canvas = Canvas::new(size, size, 0.0).map(|x, y, _| {
+        let i = y as usize * size + x as usize;
+        let part = parts[(y / pitch) as usize * 10 + (x / pitch) as usize];
+        one[i] + part * (two[i] - one[i])
+    });
+    assert!(find(canvas.blur(0.7), 3.0, 4).is_empty());
+    // Without the change all are read: it is the sector that is refused.
+    let canvas = Canvas::new(size, size, 180.0).prints(&prints);
+    assert_eq!(find(canvas.blur(0.7), 3.0, 4).len(), 100);
+}
+
+#[test]
+fn clutter_of_any_scale_is_never_read_as_a_code() {
+    for (i, side) in [4.0f64, 6.0, 9.0, 14.0, 20.0, 30.0].into_iter().enumerate() {
+        for seed in 0..3 {
+            let mut normal = Normal::new(100 * i as u64 + seed);
+            let canvas = Canvas::new(600, 600, 120.0).clutter(60.0, side * side, &mut normal);
+            let found = find(canvas, 3.0, seed);
+            assert!(found.is_empty(), "side {side}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn targets_are_read_and_their_covariance_is_true_tilted_blurred_small_and_of_both_polarities() {
+    let codes = usable_codes();
+    for (radius, tilt, blur) in
+        [(4.0, 0.0f64, 0.7), (12.0, 0.0, 2.0), (8.0, 60.0, 0.7), (12.0, 60.0, 1.2)]
+    {
+        for levels in [[60.0, 160.0], [160.0, 60.0]] {
+            let kind =
+                Print { levels, tilt: tilt.to_radians(), ..Print::dark([0.0; 2], 0, radius) };
+            let (image, prints) = target_cell(kind, blur, &codes);
+            let found = find_targets(&image, &TargetOptions::default());
+            let (mut squares, mut read) = (0.0, 0.0);
+            for target in &found {
+                let is_here = |print: &&Print| target.covers(&Vector2::from(print.at), 0.5);
+                let print = prints.iter().find(is_here).unwrap();
+                assert_eq!(target.code, canonical_code(print.code));
+                squares += square_error(target, print.at);
+                read += 1.0;
+            }
+            assert!(read > 97.0, "radius {radius} tilt {tilt} blur {blur}: {read}");
+            // The mean of 100 squares has the standard deviation 2 / sqrt(100); three of them.
+            assert!((squares / read - 2.0).abs() < 0.6, "{radius} {tilt} {blur}: {squares}");
+        }
+    }
 }
 
 #[test]
