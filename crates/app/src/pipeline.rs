@@ -2,20 +2,17 @@
 //! stored ones alike, and knows nothing of instruments.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::Context as _;
 use beampose_core::{CaptureId, InstrumentName, SessionId};
-use beampose_photogrammetry::detect::{
-    DotOptions, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
-};
+use beampose_photogrammetry::sight::{Stage, sight_all};
 use beampose_photogrammetry::solve::{
-    CaptureSolution, Method, MethodResult, Sighting, StageSeconds, solve_capture,
+    CaptureSolution, Method, MethodResult, StageSeconds, solve_capture,
 };
-use beampose_photogrammetry::{Setup, decode};
+use beampose_photogrammetry::{GrayImage, Setup, decode};
 use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
-use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
 /// The program's version, as stored with what it makes.
 pub const SOFTWARE: &str = concat!("beampose ", env!("CARGO_PKG_VERSION"));
@@ -113,20 +110,31 @@ fn solve_pictures(
     wavelength_nm: Option<f64>,
     methods: &[Method],
 ) -> (CaptureSolution, StageSeconds) {
-    let seen: Vec<_> = files
-        .into_par_iter()
-        .map(|(camera, bytes)| (camera.as_str().to_owned(), sight(setup, camera.as_str(), bytes)))
-        .collect();
+    let begun: Vec<Mutex<Instant>> = files.iter().map(|_| Mutex::new(Instant::now())).collect();
+    let spent: Vec<Mutex<[f64; 2]>> = files.iter().map(|_| Mutex::default()).collect();
+    let told = |i: usize, stage: Stage| {
+        let mut begun = begun[i].lock().unwrap_or_else(PoisonError::into_inner);
+        let passed = begun.elapsed().as_secs_f64();
+        *begun = Instant::now();
+        let mut spent = spent[i].lock().unwrap_or_else(PoisonError::into_inner);
+        match stage {
+            Stage::Begun => {}
+            Stage::Decoded => spent[0] = passed,
+            Stage::Detected => spent[1] += passed,
+        }
+    };
+    let seen = sight_all(files, |(camera, bytes)| read(setup, camera.as_str(), bytes), told);
     let mut seconds = StageSeconds::default();
     let mut sightings = BTreeMap::new();
     let mut notes = Vec::new();
-    for (camera, result) in seen {
+    for (((camera, _), result), spent) in files.iter().zip(seen).zip(&spent) {
+        // Cameras go in parallel: the slowest one counts.
+        let [decode, detect] = *spent.lock().unwrap_or_else(PoisonError::into_inner);
+        seconds.decode = decode.max(seconds.decode);
+        seconds.detect = detect.max(seconds.detect);
         match result {
-            Ok((sighting, of_decode, of_detect)) => {
-                sightings.insert(camera, sighting);
-                // Cameras go in parallel: the slowest one counts.
-                seconds.decode = of_decode.max(seconds.decode);
-                seconds.detect = of_detect.max(seconds.detect);
+            Ok(sighting) => {
+                sightings.insert(camera.as_str().to_owned(), sighting);
             }
             Err(reason) => notes.push(format!("{camera}: {reason}")),
         }
@@ -142,10 +150,9 @@ fn solve_pictures(
     (solution, seconds)
 }
 
-fn sight(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<(Sighting, f64, f64), String> {
-    let before = Instant::now();
+/// A picture, if it is of the size that its camera's calibration is for.
+fn read(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<GrayImage, String> {
     let image = decode(bytes).map_err(|error| error.to_string())?;
-    let decoded = before.elapsed().as_secs_f64();
     if let Some(c) = setup.cameras.get(camera)
         && (c.model.width, c.model.height) != (image.width, image.height)
     {
@@ -154,11 +161,7 @@ fn sight(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<(Sighting, f64, f6
             image.width, image.height, c.model.width, c.model.height
         ));
     }
-    let before = Instant::now();
-    let targets = find_targets(&image, &TargetOptions::default());
-    let mut dots = find_dots(&image, &DotOptions::default()).dots;
-    drop_dots_on_targets(&mut dots, &targets);
-    Ok((Sighting { dots, targets }, decoded, before.elapsed().as_secs_f64()))
+    Ok(image)
 }
 
 /// Adjusts all captures of a solved session together, as a further processing that holds the

@@ -21,6 +21,7 @@ pub mod pose;
 pub mod print;
 pub mod rotation;
 pub mod scene;
+pub mod sight;
 pub mod solve;
 
 pub use camera::{CalibratedCamera, Camera, InteriorSigma};

@@ -9,6 +9,7 @@ use beampose_core::Emission;
 use beampose_photogrammetry::detect::{
     DotOptions, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
 };
+use beampose_photogrammetry::sight::sight_all;
 use beampose_photogrammetry::solve::{Method, Sighting, solve_capture};
 use beampose_photogrammetry::{Artefact, ArtefactTarget, GrayImage, Setup, TieTargets, decode};
 use beampose_virtual_lab::config::TargetRole;
@@ -52,10 +53,9 @@ fn sight(image: &GrayImage) -> Sighting {
 }
 
 fn sightings(files: &[(String, Vec<u8>)]) -> BTreeMap<String, Sighting> {
-    files
-        .par_iter()
-        .map(|(name, bytes)| (name.clone(), sight(&decode(bytes).expect("a whole JPEG file"))))
-        .collect()
+    let found = sight_all(files, |(_, bytes)| decode(bytes), |_, _| ());
+    let names = files.iter().map(|(name, _)| name.clone());
+    names.zip(found).map(|(name, seen)| (name, seen.expect("a whole JPEG file"))).collect()
 }
 
 #[divan::bench]
