@@ -63,7 +63,7 @@ fn normal_equations(
 }
 
 /// Two unit vectors across a beam, as rows.
-fn across(beam: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
+pub(super) fn across(beam: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
     let u = beam.cross(&Vector3::y()).normalize();
     let v = beam.cross(&u);
     SMatrix::<f64, 2, 3>::from_rows(&[u.transpose(), v.transpose()])
