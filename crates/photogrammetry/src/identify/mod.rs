@@ -2,19 +2,25 @@
 //!
 //! In each picture the dots are labelled as a grid (`grid`), anchored at the brighter zero order or
 //! by the pattern's extent (`anchor`); the cameras' labels are brought to agree by triangulation
-//! (`agree`); the quarter turn, which a square pattern leaves open, is chosen nearest to the prior
-//! after the module was fitted in space (`turn`). Nothing here knows a wall's shape.
+//! (`agree`). What comes out is a first guess of the module's pose, from which every beam is
+//! followed into every picture (`guide`): that decides. Where the guess explains too little, as on
+//! the two walls of a corner, others are made of patches of grid (`hypothesis`). The quarter turn,
+//! which a square pattern leaves open, is chosen nearest to the prior after the module was fitted in
+//! space (`turn`). Nothing here knows a wall's shape.
 
 mod agree;
 mod anchor;
 mod grid;
+mod guide;
+mod hypothesis;
 mod turn;
 
 pub use grid::{Cell, label_grid};
 pub use turn::{Labelled, choose_turn};
 
-use nalgebra::Vector2;
+use nalgebra::{Rotation3, Vector2, Vector3};
 
+use self::guide::{Guided, ROUGH, Rays, follow};
 use crate::pattern::{Order, Pattern};
 use crate::pose::Station;
 
@@ -29,12 +35,88 @@ pub struct View {
     pub amplitudes: Vec<f64>,
 }
 
+/// A first guess that explains this part of the dots of the second-fullest picture needs no other.
+const ENOUGH: f64 = 0.85;
+
 /// The beam of each dot of each view, up to one quarter turn and mirror-free, the same turn for all
 /// views; `None` for dots of no beam. `Err` says why nothing could be labelled.
 ///
 /// # Errors
-/// A reason in words: too few dots, or views that cannot be brought to agree.
+/// A reason in words: too few dots, views that cannot be brought to agree, or two labellings that
+/// explain the pictures equally well.
 pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<Order>>>, String> {
+    let rays: Vec<Rays> = views.iter().map(Rays::of).collect();
+    let beams: Vec<(Order, Vector3<f64>)> =
+        pattern.beams(0.0).iter().map(|b| (b.order, b.direction)).collect();
+    let most = second_most(views) as f64;
+    let first = from_whole_grids(views, &rays, &beams, pattern)
+        .map(|guided| settled(&rays, &beams, pattern, guided));
+    if let Ok(guided) = &first
+        && guided.found.len() as f64 >= ENOUGH * most
+    {
+        return Ok(guided.labels(views));
+    }
+    let mut candidates: Vec<Guided> = first.as_ref().ok().cloned().into_iter().collect();
+    for sets in hypothesis::Patchwork::of(views, &rays, pattern).stages() {
+        for set in sets {
+            for guess in hypothesis::places_in_pattern(&set, pattern) {
+                if !candidates.iter().any(|c| same_place(&c.module, &guess)) {
+                    let guided = follow(&rays, &beams, &guess);
+                    candidates.extend(guided.map(|g| settled(&rays, &beams, pattern, g)));
+                }
+            }
+            if candidates.iter().any(|c| c.score(ROUGH) > CONVINCING * most) {
+                return best(candidates, views, None);
+            }
+        }
+    }
+    best(candidates, views, first.err())
+}
+
+/// The labelling shifted by an order to where rays and beams meet best, if they do so anywhere far
+/// better: a guess may be off by an order, and most beams still find dots near by.
+fn settled(
+    rays: &[Rays],
+    beams: &[(Order, Vector3<f64>)],
+    pattern: &Pattern,
+    mut guided: Guided,
+) -> Guided {
+    let shifts = || (-1..=1).flat_map(|m| (-1..=1).map(move |n| Order { m, n }));
+    while guided.tolerance > LOOSE {
+        let module = guided.module;
+        let zero = pattern.direction(Order { m: 0, n: 0 }, 0.0);
+        let better = shifts()
+            .filter_map(|order| Rotation3::rotation_between(&zero?, &pattern.direction(order, 0.0)?))
+            .map(|turn| Station { rotation: module.rotation * turn, ..module })
+            .filter_map(|start| follow(rays, beams, &start))
+            .filter(|g| g.tolerance < 0.7 * guided.tolerance)
+            .filter(|g| g.score(ROUGH) > 0.8 * guided.score(ROUGH))
+            .min_by(|a, b| a.tolerance.total_cmp(&b.tolerance));
+        match better {
+            Some(better) => guided = better,
+            None => break,
+        }
+    }
+    guided
+}
+
+/// Rays and beams that miss each other by more than two pixels, rad, may do so because the labels
+/// are shifted.
+const LOOSE: f64 = 6e-4;
+
+/// Dots in the picture that has the second most: no more beams can be found by two cameras.
+fn second_most(views: &[View]) -> usize {
+    let mut counts: Vec<usize> = views.iter().map(|v| v.directions.len()).collect();
+    counts.sort_unstable();
+    counts.iter().rev().nth(1).copied().unwrap_or(0)
+}
+
+fn from_whole_grids(
+    views: &[View],
+    rays: &[Rays],
+    beams: &[(Order, Vector3<f64>)],
+    pattern: &Pattern,
+) -> Result<Guided, String> {
     let mut labels: Vec<Vec<Option<Order>>> = views
         .iter()
         .map(|view| {
@@ -51,7 +133,59 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
         ));
     }
     agree::agree(views, &mut labels, pattern)?;
-    Ok(labels)
+    let module = guide::module_of(rays, &labels, beams)
+        .ok_or("no module pose fits the dots that the cameras' grids have in common")?;
+    follow(rays, beams, &module)
+        .ok_or_else(|| "the beams of the module do not meet the dots".to_owned())
+}
+
+/// Modules nearer than this, mm, are the same guess.
+const SAME: f64 = 1.0;
+/// A labelling explains "as much" as the best from this part of its score on.
+const AS_MUCH: f64 = 0.9;
+/// Part of the dots of the second-fullest picture that a labelling must explain to be believed: by
+/// chance a few beams always find dots on their lines.
+const BELIEVED: f64 = 0.25;
+
+/// Part of the dots of the second-fullest picture from which on no other guess is looked at: where
+/// each of two cameras sees another six tenths of the beams beside twenty strays it is 0.46.
+const CONVINCING: f64 = 0.4;
+
+fn same_place(a: &Station, b: &Station) -> bool {
+    (a.centre - b.centre).norm() < SAME
+}
+
+/// The labelling that explains most.
+fn best(
+    mut candidates: Vec<Guided>,
+    views: &[View],
+    reason: Option<String>,
+) -> Result<Vec<Vec<Option<Order>>>, String> {
+    // The scale of the misses is that of a good labelling: a shift by one order passes by all dots
+    // at a few times the distance.
+    let most = candidates.iter().map(|c| c.score(ROUGH)).fold(0.0, f64::max);
+    let good = candidates.iter().filter(|c| c.score(ROUGH) > 0.8 * most);
+    let scale = good.map(|c| c.tolerance).fold(ROUGH, f64::min);
+    let score = |c: &Guided| c.score(scale);
+    for c in &candidates { eprintln!("candidate {:.1?} found {} rough {:.1} fine {:.1} tol {:.1e}", c.module.centre, c.found.len(), c.score(ROUGH), score(c), c.tolerance); }
+    candidates.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    let nothing = || "no labelling of the dots fits the pattern in two pictures".to_owned();
+    let Some(best) = candidates.first() else { return Err(reason.unwrap_or_else(nothing)) };
+    let explained = best.found.len() as f64 / second_most(views) as f64;
+    if explained < BELIEVED {
+        let found = best.found.len();
+        return Err(format!("the best labelling explains {found} dots only: not believed"));
+    }
+    let rival = candidates[1..]
+        .iter()
+        .find(|c| !same_place(&c.module, &best.module) && score(c) > AS_MUCH * score(best));
+    match rival {
+        Some(rival) => {
+            let apart = (rival.module.centre - best.module.centre).norm();
+            Err(format!("ambiguous: two labellings fit the dots, with the module {apart:.1} mm apart"))
+        }
+        None => Ok(best.labels(views)),
+    }
 }
 
 /// A quarter turn of the labels, clockwise as the module sees it.

@@ -19,7 +19,7 @@ mod weighted_rays;
 pub use angles::{AngleFit, AngleObservation, angle_gradient, fit_angles, neighbour_observations};
 pub use field::{DotField, Fan};
 pub use locate::{Estimator, LocateError, Located, locate};
-pub use ray_fit::{RayFit, fit_rays};
+pub use ray_fit::{RayFit, fit_rays, refine_rays};
 pub(crate) use resection::triangulate;
 pub use resection::{Station, resect};
 pub use simplex::SimplexOptions;
