@@ -42,9 +42,9 @@ pub fn label_grid(points: &[Vector2<f64>]) -> Vec<Option<Cell>> {
 /// Fewest dots that make a patch.
 const PATCH: usize = 8;
 /// Most patches of a kind taken from one picture.
-const PATCHES: usize = 4;
+const PATCHES: usize = 6;
 /// Seeds tried for patches, spread over the picture.
-const PATCH_SEEDS: usize = 16;
+const PATCH_SEEDS: usize = 40;
 /// How far from its seed a small patch goes, cells: half across a pattern of eleven. Growth slips
 /// by a cell now and then where much is hidden or a wall bends; near its seed it seldom does.
 const NEAR: i32 = 3;

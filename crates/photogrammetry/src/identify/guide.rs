@@ -79,15 +79,51 @@ fn worth(views: usize, relative_miss: f64) -> f64 {
     (views as f64 - 1.0) * (1.0 - relative_miss.powi(2)).max(0.0)
 }
 
+/// A part of the pattern: lowest and highest order.
+pub(super) type Part = (Order, Order);
+
 /// Follows the beams of a module that stands roughly at `start`: matches, fits the module to what
-/// was matched, and so on with an ever smaller tolerance. `None` when too little matches.
+/// was matched, and so on with an ever smaller tolerance. A start that is known from a part of the
+/// pattern only is followed there first and a row farther each time, since its error grows with the
+/// way. `None` when too little matches.
 pub(super) fn follow(
     rays: &[Rays],
     beams: &[(Order, Vector3<f64>)],
     start: &Station,
+    part: Option<Part>,
 ) -> Option<Guided> {
-    let (mut module, mut tolerance) = (*start, ROUGH);
-    let mut count = 0;
+    let mut module = *start;
+    if let Some(part) = part {
+        let mut before = 0;
+        for wider in 0.. {
+            let near: Vec<_> = beams.iter().filter(|b| within(b.0, part, wider)).copied().collect();
+            if near.len() == beams.len() {
+                break;
+            }
+            if near.len() > before {
+                let found = matches(rays, &near, &module, ROUGH);
+                if found.len() < FEWEST {
+                    return None;
+                }
+                module = fitted(&found, beams, Some(&module))?.station;
+            }
+            before = near.len();
+        }
+    }
+    follow_all(rays, beams, module)
+}
+
+fn within(order: Order, (low, high): Part, wider: i32) -> bool {
+    (low.m - wider..=high.m + wider).contains(&order.m)
+        && (low.n - wider..=high.n + wider).contains(&order.n)
+}
+
+fn follow_all(
+    rays: &[Rays],
+    beams: &[(Order, Vector3<f64>)],
+    mut module: Station,
+) -> Option<Guided> {
+    let (mut tolerance, mut count) = (ROUGH, 0);
     for _ in 0..5 {
         let found = matches(rays, beams, &module, tolerance);
         if found.len() < FEWEST {

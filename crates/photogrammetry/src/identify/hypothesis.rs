@@ -8,7 +8,7 @@
 use nalgebra::{Rotation3, Vector3};
 
 use super::grid::{Cell, Patch, patches};
-use super::guide::{ROUGH, Rays, fit_trimmed, meet};
+use super::guide::{Part, ROUGH, Rays, fit_trimmed, meet};
 use super::View;
 use crate::pattern::{Order, Pattern};
 use crate::pose::Station;
@@ -76,7 +76,7 @@ impl<'a> Patchwork<'a> {
 }
 
 /// Sets that are looked at in one stage.
-const SETS: usize = 12;
+const SETS: usize = 20;
 
 /// Rows and columns that strays may add to a patch.
 const STRAY_CELLS: i32 = 4;
@@ -221,7 +221,10 @@ fn meeting_pairs(a: &Rays, b: &Rays) -> Vec<bool> {
 ///
 /// The patch starts in the middle and walks through the pattern as long as it fits better. Where its
 /// cells may be sheared, every shear is tried.
-pub(super) fn places_in_pattern(set: &[(Cell, Vector3<f64>)], pattern: &Pattern) -> Vec<Station> {
+pub(super) fn places_in_pattern(
+    set: &[(Cell, Vector3<f64>)],
+    pattern: &Pattern,
+) -> Vec<(Station, Part)> {
     let mut best: Option<Place> = None;
     for turn in turns().into_iter().filter(is_new) {
         let turned = Change { turn, shift: (0, 0) };
@@ -240,7 +243,18 @@ pub(super) fn places_in_pattern(set: &[(Cell, Vector3<f64>)], pattern: &Pattern)
     let mut seen = walk(set, pattern, start);
     seen.sort_by(|a, b| a.rms.total_cmp(&b.rms));
     seen.truncate(PLACES);
-    seen.into_iter().map(|place| place.station).collect()
+    seen.into_iter().map(|place| (place.station, part(set, &place.change))).collect()
+}
+
+/// The part of the pattern that a set of dots takes up.
+fn part(set: &[(Cell, Vector3<f64>)], change: &Change) -> Part {
+    let orders = || set.iter().map(|(cell, _)| change.of(*cell));
+    let least = |axis: fn(Cell) -> i32| orders().map(axis).min().unwrap_or(0);
+    let most = |axis: fn(Cell) -> i32| orders().map(axis).max().unwrap_or(0);
+    (
+        Order { m: least(|c| c.0), n: least(|c| c.1) },
+        Order { m: most(|c| c.0), n: most(|c| c.1) },
+    )
 }
 
 /// A grid that is not sheared fits within this part of the distance at the middle of the pattern,

@@ -59,13 +59,13 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
     let mut candidates: Vec<Guided> = first.as_ref().ok().cloned().into_iter().collect();
     for sets in hypothesis::Patchwork::of(views, &rays, pattern).stages() {
         for set in sets {
-            for guess in hypothesis::places_in_pattern(&set, pattern) {
+            for (guess, part) in hypothesis::places_in_pattern(&set, pattern) {
                 if !candidates.iter().any(|c| same_place(&c.module, &guess)) {
-                    let guided = follow(&rays, &beams, &guess);
+                    let guided = follow(&rays, &beams, &guess, Some(part));
                     candidates.extend(guided.map(|g| settled(&rays, &beams, pattern, g)));
                 }
             }
-            if candidates.iter().any(|c| c.score(ROUGH) > CONVINCING * most) {
+            if candidates.iter().any(|c| is_tight(c) && c.score(TIGHT) > CONVINCING * most) {
                 return best(candidates, views, None);
             }
         }
@@ -73,25 +73,23 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
     best(candidates, views, first.err())
 }
 
-/// The labelling shifted by an order to where rays and beams meet best, if they do so anywhere far
-/// better: a guess may be off by an order, and most beams still find dots near by.
+/// The labelling shifted by an order or two to where rays and beams meet best: a guess may be off by an order, and most beams still find dots near by.
 fn settled(
     rays: &[Rays],
     beams: &[(Order, Vector3<f64>)],
     pattern: &Pattern,
     mut guided: Guided,
 ) -> Guided {
-    let shifts = || (-1..=1).flat_map(|m| (-1..=1).map(move |n| Order { m, n }));
-    while guided.tolerance > LOOSE {
+    let shifts = || (-2..=2).flat_map(|m| (-2..=2).map(move |n| Order { m, n }));
+    while guided.tolerance > LOOSE && guided.score(ROUGH) >= WORTH_SETTLING {
         let module = guided.module;
         let zero = pattern.direction(Order { m: 0, n: 0 }, 0.0);
         let better = shifts()
             .filter_map(|order| Rotation3::rotation_between(&zero?, &pattern.direction(order, 0.0)?))
             .map(|turn| Station { rotation: module.rotation * turn, ..module })
-            .filter_map(|start| follow(rays, beams, &start))
-            .filter(|g| g.tolerance < 0.7 * guided.tolerance)
-            .filter(|g| g.score(ROUGH) > 0.8 * guided.score(ROUGH))
-            .min_by(|a, b| a.tolerance.total_cmp(&b.tolerance));
+            .filter_map(|start| follow(rays, beams, &start, None))
+            .filter(|g| g.score(TIGHT) > 1.1 * guided.score(TIGHT))
+            .max_by(|a, b| a.score(TIGHT).total_cmp(&b.score(TIGHT)));
         match better {
             Some(better) => guided = better,
             None => break,
@@ -103,6 +101,11 @@ fn settled(
 /// Rays and beams that miss each other by more than two pixels, rad, may do so because the labels
 /// are shifted.
 const LOOSE: f64 = 6e-4;
+/// With fewer beams than this a labelling is an accident, shifted or not.
+const WORTH_SETTLING: f64 = 25.0;
+/// Rays and beams of a right labelling pass each other nearer than this, three pixels or so, rad;
+/// those of one shifted by an order at several times that.
+const TIGHT: f64 = 1e-3;
 
 /// Dots in the picture that has the second most: no more beams can be found by two cameras.
 fn second_most(views: &[View]) -> usize {
@@ -135,7 +138,7 @@ fn from_whole_grids(
     agree::agree(views, &mut labels, pattern)?;
     let module = guide::module_of(rays, &labels, beams)
         .ok_or("no module pose fits the dots that the cameras' grids have in common")?;
-    follow(rays, beams, &module)
+    follow(rays, beams, &module, None)
         .ok_or_else(|| "the beams of the module do not meet the dots".to_owned())
 }
 
@@ -151,6 +154,12 @@ const BELIEVED: f64 = 0.25;
 /// each of two cameras sees another six tenths of the beams beside twenty strays it is 0.46.
 const CONVINCING: f64 = 0.4;
 
+/// True where half of all rays and beams pass each other at a fifth of what is tight or nearer: by
+/// chance they do so anywhere within the rough tolerance.
+fn is_tight(guided: &Guided) -> bool {
+    guided.tolerance <= TIGHT
+}
+
 fn same_place(a: &Station, b: &Station) -> bool {
     (a.centre - b.centre).norm() < SAME
 }
@@ -161,20 +170,13 @@ fn best(
     views: &[View],
     reason: Option<String>,
 ) -> Result<Vec<Vec<Option<Order>>>, String> {
-    // The scale of the misses is that of a good labelling: a shift by one order passes by all dots
-    // at a few times the distance.
-    let most = candidates.iter().map(|c| c.score(ROUGH)).fold(0.0, f64::max);
-    let good = candidates.iter().filter(|c| c.score(ROUGH) > 0.8 * most);
-    let scale = good.map(|c| c.tolerance).fold(ROUGH, f64::min);
-    let score = |c: &Guided| c.score(scale);
-    for c in &candidates { eprintln!("candidate {:.1?} found {} rough {:.1} fine {:.1} tol {:.1e}", c.module.centre, c.found.len(), c.score(ROUGH), score(c), c.tolerance); }
+    let score = |c: &Guided| c.score(TIGHT);
+    candidates.retain(is_tight);
     candidates.sort_by(|a, b| score(b).total_cmp(&score(a)));
     let nothing = || "no labelling of the dots fits the pattern in two pictures".to_owned();
     let Some(best) = candidates.first() else { return Err(reason.unwrap_or_else(nothing)) };
-    let explained = best.found.len() as f64 / second_most(views) as f64;
-    if explained < BELIEVED {
-        let found = best.found.len();
-        return Err(format!("the best labelling explains {found} dots only: not believed"));
+    if score(best) < BELIEVED * second_most(views) as f64 {
+        return Err("no labelling of the dots explains enough of them".to_owned());
     }
     let rival = candidates[1..]
         .iter()

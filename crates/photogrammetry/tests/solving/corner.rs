@@ -91,6 +91,7 @@ fn outcome(case: Case, seed: u64) -> Outcome {
         corner: Some((-600.0, case.bend)),
     };
     let (mut sightings, truth) = laboratory.shot(seed, &shot);
+    eprintln!("truth {}", truth.position.transpose());
     damage(&mut sightings, case.hidden, seed);
     let read = Some(laboratory.read_nm());
     let methods = &Method::OF_A_CAPTURE;
@@ -164,8 +165,10 @@ fn an_outer_and_a_flat_corner_are_solved() {
 
 #[test]
 fn zz_timing() {
-    for case in [Case { cameras: 4, hidden: Hidden::Beams, bend: 90.0 }, Case { cameras: 3, hidden: Hidden::Dots, bend: 90.0 }] {
-    for seed in 0..4 {
+    for (case, seeds) in [
+        (Case { cameras: 3, hidden: Hidden::Dots, bend: 40.0 }, vec![9, 49, 20]),
+    ] {
+    for seed in seeds {
         let t = std::time::Instant::now();
         let o = outcome(case, seed);
         println!("{case:?} {seed}: {:?} {o:?} truth", t.elapsed());
