@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::View;
 use crate::pattern::Order;
@@ -113,6 +113,29 @@ pub(super) fn follow(
     follow_all(rays, beams, module)
 }
 
+/// What is found when all labels are shifted and the module is fitted and followed anew.
+pub(super) fn shifted(
+    rays: &[Rays],
+    beams: &[(Order, Vector3<f64>)],
+    guided: &Guided,
+    by: Order,
+) -> Option<Guided> {
+    let moved = |order: Order| Order { m: order.m + by.m, n: order.n + by.n };
+    let relabelled: Vec<Found> =
+        guided.found.iter().map(|f| Found { order: moved(f.order), ..f.clone() }).collect();
+    // The beam that a dot had is turned to where the new one points.
+    let from = direction(beams, moved(Order { m: 0, n: 0 }))?;
+    let turn = Rotation3::rotation_between(&from, &direction(beams, Order { m: 0, n: 0 })?)?;
+    let start = Station { rotation: guided.module.rotation * turn, ..guided.module };
+    let module = fitted(&relabelled, beams, Some(&start))?.station;
+    follow(rays, beams, &module, None)
+}
+
+fn direction(beams: &[(Order, Vector3<f64>)], order: Order) -> Option<Vector3<f64>> {
+    let at = beams.binary_search_by(|b| (b.0.n, b.0.m).cmp(&(order.n, order.m))).ok()?;
+    Some(beams[at].1)
+}
+
 fn within(order: Order, (low, high): Part, wider: i32) -> bool {
     (low.m - wider..=high.m + wider).contains(&order.m)
         && (low.n - wider..=high.n + wider).contains(&order.n)
@@ -157,12 +180,8 @@ fn fitted(
     beams: &[(Order, Vector3<f64>)],
     start: Option<&Station>,
 ) -> Option<RayFit> {
-    let direction = |order: &Order| {
-        let at = beams.binary_search_by(|b| (b.0.n, b.0.m).cmp(&(order.n, order.m))).ok()?;
-        Some(beams[at].1)
-    };
     let (places, directions): (Vec<_>, Vec<_>) =
-        found.iter().filter_map(|f| Some((f.place, direction(&f.order)?))).unzip();
+        found.iter().filter_map(|f| Some((f.place, direction(beams, f.order)?))).unzip();
     fit_trimmed(&places, &directions, start)
 }
 

@@ -68,6 +68,8 @@ impl<'a> Patchwork<'a> {
                     }
                 }
             }
+            eprintln!("stage {kind_a} {kind_b}: patches {:?}", self.patches.iter().map(|v| v.iter().map(|k| k.iter().map(|p| (p.0.len(), p.1.size)).collect::<Vec<_>>()).collect::<Vec<_>>()).collect::<Vec<_>>());
+            eprintln!("sets {:?}", sets.iter().map(|s: &DotSet| s.len()).collect::<Vec<_>>());
             sets.sort_by_key(|set: &DotSet| std::cmp::Reverse(set.len()));
             sets.truncate(SETS);
             sets

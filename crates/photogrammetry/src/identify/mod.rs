@@ -18,7 +18,7 @@ mod turn;
 pub use grid::{Cell, label_grid};
 pub use turn::{Labelled, choose_turn};
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use self::guide::{Guided, ROUGH, Rays, follow};
 use crate::pattern::{Order, Pattern};
@@ -50,7 +50,7 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
         pattern.beams(0.0).iter().map(|b| (b.order, b.direction)).collect();
     let most = second_most(views) as f64;
     let first = from_whole_grids(views, &rays, &beams, pattern)
-        .map(|guided| settled(&rays, &beams, pattern, guided));
+        .map(|guided| settled(&rays, &beams, guided));
     if let Ok(guided) = &first
         && guided.found.len() as f64 >= ENOUGH * most
     {
@@ -62,7 +62,7 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
             for (guess, part) in hypothesis::places_in_pattern(&set, pattern) {
                 if !candidates.iter().any(|c| same_place(&c.module, &guess)) {
                     let guided = follow(&rays, &beams, &guess, Some(part));
-                    candidates.extend(guided.map(|g| settled(&rays, &beams, pattern, g)));
+                    candidates.extend(guided.map(|g| settled(&rays, &beams, g)));
                 }
             }
             if candidates.iter().any(|c| is_tight(c) && c.score(TIGHT) > CONVINCING * most) {
@@ -77,17 +77,12 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
 fn settled(
     rays: &[Rays],
     beams: &[(Order, Vector3<f64>)],
-    pattern: &Pattern,
     mut guided: Guided,
 ) -> Guided {
     let shifts = || (-2..=2).flat_map(|m| (-2..=2).map(move |n| Order { m, n }));
     while guided.tolerance > LOOSE && guided.score(ROUGH) >= WORTH_SETTLING {
-        let module = guided.module;
-        let zero = pattern.direction(Order { m: 0, n: 0 }, 0.0);
         let better = shifts()
-            .filter_map(|order| Rotation3::rotation_between(&zero?, &pattern.direction(order, 0.0)?))
-            .map(|turn| Station { rotation: module.rotation * turn, ..module })
-            .filter_map(|start| follow(rays, beams, &start, None))
+            .filter_map(|by| guide::shifted(rays, beams, &guided, by))
             .filter(|g| g.score(TIGHT) > 1.1 * guided.score(TIGHT))
             .max_by(|a, b| a.score(TIGHT).total_cmp(&b.score(TIGHT)));
         match better {
@@ -171,6 +166,7 @@ fn best(
     reason: Option<String>,
 ) -> Result<Vec<Vec<Option<Order>>>, String> {
     let score = |c: &Guided| c.score(TIGHT);
+    for c in &candidates { if c.score(ROUGH)>15.0 {eprintln!("candidate {:.1?} found {} rough {:.1} fine {:.1} tol {:.1e}", c.module.centre, c.found.len(), c.score(ROUGH), score(c), c.tolerance);} }
     candidates.retain(is_tight);
     candidates.sort_by(|a, b| score(b).total_cmp(&score(a)));
     let nothing = || "no labelling of the dots fits the pattern in two pictures".to_owned();
