@@ -72,7 +72,8 @@ pub(super) fn patches(points: &[Vector2<f64>], widest: i32) -> Patches {
         .collect();
     let grown = |reach: i32| {
         let all = starts.iter().map(|(seed, basis)| patch(&grow(points, *seed, basis, reach)));
-        chosen(all.filter(|p| width(p) <= widest).collect(), points.len())
+        let fit = |p: &Patch| p.len() >= PATCH && width(p) <= widest;
+        chosen(all.filter(fit).collect(), points.len())
     };
     Patches { large: grown(i32::MAX), small: grown(NEAR) }
 }
@@ -200,9 +201,8 @@ fn voted_basis(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
         // Of a difference and its opposite, the one that points right.
         steps.extend(near[..i].iter().map(|b| *a - *b).map(|d| if d.x < 0.0 { -d } else { d }));
     }
-    let alike = |s: &Vector2<f64>, t: &Vector2<f64>| {
-        (s - t).norm().min((s + t).norm()) < 0.15 * s.norm()
-    };
+    let alike =
+        |s: &Vector2<f64>, t: &Vector2<f64>| (s - t).norm().min((s + t).norm()) < 0.15 * s.norm();
     let votes: Vec<usize> =
         steps.iter().map(|s| steps.iter().filter(|t| alike(s, t)).count()).collect();
     let enough = FREQUENT * votes.iter().copied().max()? as f64;
@@ -219,6 +219,42 @@ fn voted_basis(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
     })
 }
 
+/// How far from its seed a grid may reach, cells: across a pattern of 81 from its rim.
+const REACH: i32 = 84;
+
+/// The dot of each cell, looked up many times for each that is added: a table around the seed.
+struct Cells {
+    dots: Vec<Option<usize>>,
+    /// The cells that are filled, in the order in which they were.
+    order: Vec<Cell>,
+}
+
+impl Cells {
+    fn new(cell: Cell, dot: usize) -> Self {
+        let side = (2 * REACH + 1) as usize;
+        let mut cells = Self { dots: vec![None; side * side], order: Vec::new() };
+        cells.insert(cell, dot);
+        cells
+    }
+
+    fn index((i, j): Cell) -> Option<usize> {
+        let inside = i.abs().max(j.abs()) <= REACH;
+        inside.then(|| ((j + REACH) * (2 * REACH + 1) + i + REACH) as usize)
+    }
+
+    fn get(&self, cell: Cell) -> Option<usize> {
+        self.dots[Self::index(cell)?]
+    }
+
+    /// False for a cell out of reach.
+    fn insert(&mut self, cell: Cell, dot: usize) -> bool {
+        let Some(index) = Self::index(cell) else { return false };
+        self.dots[index] = Some(dot);
+        self.order.push(cell);
+        true
+    }
+}
+
 /// Cells of the dots that can be reached from a seed, no farther than `reach` cells from it.
 fn grow(
     points: &[Vector2<f64>],
@@ -227,13 +263,13 @@ fn grow(
     reach: i32,
 ) -> Vec<Option<Cell>> {
     let mut labels = vec![None; points.len()];
-    let mut cells = BTreeMap::from([((0, 0), seed)]);
+    let mut cells = Cells::new((0, 0), seed);
     labels[seed] = Some((0, 0));
     // A cell that could not be reached from one side may be from another: until nothing is added.
     loop {
-        let before = cells.len();
+        let before = cells.order.len();
         sweep(points, &mut labels, &mut cells, basis, reach);
-        if cells.len() == before {
+        if cells.order.len() == before {
             return labels;
         }
     }
@@ -242,21 +278,23 @@ fn grow(
 fn sweep(
     points: &[Vector2<f64>],
     labels: &mut [Option<Cell>],
-    cells: &mut BTreeMap<Cell, usize>,
+    cells: &mut Cells,
     basis: &Matrix2<f64>,
     reach: i32,
 ) {
-    let mut queue: VecDeque<Cell> = cells.keys().copied().collect();
+    let mut queue: VecDeque<Cell> = cells.order.iter().copied().collect();
     while let Some(cell) = queue.pop_front() {
         for (di, dj) in AROUND {
             let next = (cell.0 + di, cell.1 + dj);
-            if next.0.abs().max(next.1.abs()) > reach || cells.contains_key(&next) {
+            if next.0.abs().max(next.1.abs()) > reach || cells.get(next).is_some() {
                 continue;
             }
             let Some((at, step)) = predict(points, cells, cell, next, basis) else { continue };
             let Some(found) = nearest_free(points, labels, at, TOLERANCE * step) else { continue };
+            if !cells.insert(next, found) {
+                continue;
+            }
             labels[found] = Some(next);
-            cells.insert(next, found);
             queue.push_back(next);
         }
     }
@@ -266,7 +304,7 @@ fn sweep(
 /// labelled cells around it, else one seed step from `cell`.
 fn predict(
     points: &[Vector2<f64>],
-    cells: &BTreeMap<Cell, usize>,
+    cells: &Cells,
     cell: Cell,
     next: Cell,
     basis: &Matrix2<f64>,
@@ -275,7 +313,7 @@ fn predict(
     let mut right = SMatrix::<f64, 3, 2>::zeros();
     for di in -2..=2 {
         for dj in -2..=2 {
-            if let Some(&i) = cells.get(&(next.0 + di, next.1 + dj)) {
+            if let Some(i) = cells.get((next.0 + di, next.1 + dj)) {
                 let row = Vector3::new(f64::from(di), f64::from(dj), 1.0);
                 // Near cells count most: the map is affine only nearby.
                 let weight = f64::from(di * di + dj * dj).powi(-2);
@@ -291,7 +329,7 @@ fn predict(
         let step = map.row(0).norm().min(map.row(1).norm());
         return Some((map.row(2).transpose(), step));
     }
-    let from = points[*cells.get(&cell)?];
+    let from = points[cells.get(cell)?];
     let offset = Vector2::new(f64::from(next.0 - cell.0), f64::from(next.1 - cell.1));
     let step = basis.column(0).norm().min(basis.column(1).norm());
     Some((from + basis * offset, step))
@@ -303,12 +341,14 @@ fn nearest_free(
     at: Vector2<f64>,
     within: f64,
 ) -> Option<usize> {
-    points
-        .iter()
-        .enumerate()
-        .filter(|(i, p)| labels[*i].is_none() && (*p - at).norm() <= within)
-        .min_by(|(_, a), (_, b)| (*a - at).norm_squared().total_cmp(&(*b - at).norm_squared()))
-        .map(|(i, _)| i)
+    let (mut best, mut least) = (None, within * within);
+    for (i, point) in points.iter().enumerate() {
+        let squared = (point - at).norm_squared();
+        if squared <= least && labels[i].is_none() {
+            (best, least) = (Some(i), squared);
+        }
+    }
+    best
 }
 
 #[cfg(test)]

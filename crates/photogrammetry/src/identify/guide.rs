@@ -61,12 +61,11 @@ impl Guided {
         self.found.iter().map(|f| worth(f.seen.len(), f.miss / scale)).sum()
     }
 
-
     /// The labels of all views.
     pub fn labels(&self, views: &[View]) -> Vec<Vec<Option<Order>>> {
         let mut labels: Vec<Vec<Option<Order>>> =
             views.iter().map(|v| vec![None; v.directions.len()]).collect();
-        for found in &self.found {
+        for found in without_lonely(&self.found, &self.module.centre) {
             for (view, dot) in &found.seen {
                 labels[*view][*dot] = Some(found.order);
             }
@@ -110,7 +109,7 @@ pub(super) fn follow(
             before = near.len();
         }
     }
-    follow_all(rays, beams, module)
+    follow_all(rays, beams, module, ROUGH)
 }
 
 /// What is found when all labels are shifted and the module is fitted and followed anew.
@@ -141,12 +140,14 @@ fn within(order: Order, (low, high): Part, wider: i32) -> bool {
         && (low.n - wider..=high.n + wider).contains(&order.n)
 }
 
-fn follow_all(
+/// As [`follow`], from a module that is known so well that rays and beams meet within `tolerance`.
+pub(super) fn follow_all(
     rays: &[Rays],
     beams: &[(Order, Vector3<f64>)],
     mut module: Station,
+    mut tolerance: f64,
 ) -> Option<Guided> {
-    let (mut tolerance, mut count) = (ROUGH, 0);
+    let mut count = 0;
     for _ in 0..5 {
         let found = matches(rays, beams, &module, tolerance);
         if found.len() < FEWEST {
@@ -195,7 +196,9 @@ pub(super) fn fit_trimmed(
     start: Option<&Station>,
 ) -> Option<RayFit> {
     let fit = |places: &[Vector3<f64>], directions: &[Vector3<f64>], start: Option<&Station>| {
-        start.and_then(|s| refine_rays(places, directions, s)).or_else(|| fit_rays(places, directions))
+        start
+            .and_then(|s| refine_rays(places, directions, s))
+            .or_else(|| fit_rays(places, directions))
     };
     let first = fit(places, directions, start)?;
     let off: Vec<f64> = places
@@ -260,6 +263,30 @@ fn exclusive(mut all: Vec<Found>, rays: &[Rays]) -> Vec<Found> {
     all
 }
 
+/// How much farther than its neighbour a dot may be from the module, as a part: walls bend and
+/// slope, by a tenth from beam to beam where they are seen at sixty degrees.
+const ALIKE: f64 = 0.2;
+/// With fewer neighbours than this nothing is said of a dot.
+const NEIGHBOURS: usize = 3;
+
+/// Leaves out dots that are at the distance of none of their neighbours: two strays that happen to
+/// lie on a beam's lines. Beside a step in the wall there are neighbours on either side.
+fn without_lonely<'a>(found: &'a [Found], module: &Vector3<f64>) -> Vec<&'a Found> {
+    let by_order: BTreeMap<Order, f64> =
+        found.iter().map(|f| (f.order, (f.place - module).norm())).collect();
+    let has_company = |f: &&Found| {
+        let around = (-2..=2).flat_map(|m| (-2..=2).map(move |n| (m, n)));
+        let distances: Vec<f64> = around
+            .filter(|by| *by != (0, 0))
+            .filter_map(|(m, n)| by_order.get(&Order { m: f.order.m + m, n: f.order.n + n }))
+            .copied()
+            .collect();
+        let own = by_order.get(&f.order).copied().unwrap_or_default();
+        distances.len() < NEIGHBOURS || distances.iter().any(|d| (d - own).abs() < ALIKE * own)
+    };
+    found.iter().filter(has_company).collect()
+}
+
 fn near_line(
     rays: &Rays,
     view: usize,
@@ -315,9 +342,8 @@ fn agreed(
             continue;
         }
         let Some(found) = meeting(rays, seen, order, module, beam, tolerance) else { continue };
-        let better = best.as_ref().is_none_or(|b| {
-            (found.seen.len(), -found.miss) > (b.seen.len(), -b.miss)
-        });
+        let better =
+            best.as_ref().is_none_or(|b| (found.seen.len(), -found.miss) > (b.seen.len(), -b.miss));
         if better {
             best = Some(found);
         }

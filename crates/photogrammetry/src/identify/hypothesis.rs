@@ -7,9 +7,9 @@
 
 use nalgebra::{Rotation3, Vector3};
 
+use super::View;
 use super::grid::{Cell, Patch, patches};
 use super::guide::{Part, ROUGH, Rays, fit_trimmed, meet};
-use super::View;
 use crate::pattern::{Order, Pattern};
 use crate::pose::Station;
 
@@ -68,8 +68,6 @@ impl<'a> Patchwork<'a> {
                     }
                 }
             }
-            eprintln!("stage {kind_a} {kind_b}: patches {:?}", self.patches.iter().map(|v| v.iter().map(|k| k.iter().map(|p| (p.0.len(), p.1.size)).collect::<Vec<_>>()).collect::<Vec<_>>()).collect::<Vec<_>>());
-            eprintln!("sets {:?}", sets.iter().map(|s: &DotSet| s.len()).collect::<Vec<_>>());
             sets.sort_by_key(|set: &DotSet| std::cmp::Reverse(set.len()));
             sets.truncate(SETS);
             sets
@@ -209,10 +207,8 @@ fn meeting_pairs(a: &Rays, b: &Rays) -> Vec<bool> {
             let near = ray_b.dot(&normal).abs() < ROUGH;
             // Ahead of both: the rays lie on the same side of the base and converge.
             let cross = ray_a.cross(ray_b);
-            let ahead = || {
-                base.cross(ray_b).dot(&cross) > 0.0
-                    && base.cross(ray_a).dot(&cross) > 0.0
-            };
+            let ahead =
+                || base.cross(ray_b).dot(&cross) > 0.0 && base.cross(ray_a).dot(&cross) > 0.0;
             pairs.push(near && ahead());
         }
     }
@@ -253,10 +249,7 @@ fn part(set: &[(Cell, Vector3<f64>)], change: &Change) -> Part {
     let orders = || set.iter().map(|(cell, _)| change.of(*cell));
     let least = |axis: fn(Cell) -> i32| orders().map(axis).min().unwrap_or(0);
     let most = |axis: fn(Cell) -> i32| orders().map(axis).max().unwrap_or(0);
-    (
-        Order { m: least(|c| c.0), n: least(|c| c.1) },
-        Order { m: most(|c| c.0), n: most(|c| c.1) },
-    )
+    (Order { m: least(|c| c.0), n: least(|c| c.1) }, Order { m: most(|c| c.0), n: most(|c| c.1) })
 }
 
 /// A grid that is not sheared fits within this part of the distance at the middle of the pattern,

@@ -20,7 +20,7 @@ pub use turn::{Labelled, choose_turn};
 
 use nalgebra::{Vector2, Vector3};
 
-use self::guide::{Guided, ROUGH, Rays, follow};
+use self::guide::{Guided, ROUGH, Rays, follow, follow_all};
 use crate::pattern::{Order, Pattern};
 use crate::pose::Station;
 
@@ -74,11 +74,7 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
 }
 
 /// The labelling shifted by an order or two to where rays and beams meet best: a guess may be off by an order, and most beams still find dots near by.
-fn settled(
-    rays: &[Rays],
-    beams: &[(Order, Vector3<f64>)],
-    mut guided: Guided,
-) -> Guided {
+fn settled(rays: &[Rays], beams: &[(Order, Vector3<f64>)], mut guided: Guided) -> Guided {
     let shifts = || (-2..=2).flat_map(|m| (-2..=2).map(move |n| Order { m, n }));
     while guided.tolerance > LOOSE && guided.score(ROUGH) >= WORTH_SETTLING {
         let better = shifts()
@@ -100,7 +96,7 @@ const LOOSE: f64 = 6e-4;
 const WORTH_SETTLING: f64 = 25.0;
 /// Rays and beams of a right labelling pass each other nearer than this, three pixels or so, rad;
 /// those of one shifted by an order at several times that.
-const TIGHT: f64 = 1e-3;
+const TIGHT: f64 = 8e-4;
 
 /// Dots in the picture that has the second most: no more beams can be found by two cameras.
 fn second_most(views: &[View]) -> usize {
@@ -133,7 +129,9 @@ fn from_whole_grids(
     agree::agree(views, &mut labels, pattern)?;
     let module = guide::module_of(rays, &labels, beams)
         .ok_or("no module pose fits the dots that the cameras' grids have in common")?;
-    follow(rays, beams, &module, None)
+    // Whole grids fix the module well; where they were labelled wrong in part it may not be so.
+    follow_all(rays, beams, module, TIGHT)
+        .or_else(|| follow(rays, beams, &module, None))
         .ok_or_else(|| "the beams of the module do not meet the dots".to_owned())
 }
 
@@ -143,7 +141,7 @@ const SAME: f64 = 1.0;
 const AS_MUCH: f64 = 0.9;
 /// Part of the dots of the second-fullest picture that a labelling must explain to be believed: by
 /// chance a few beams always find dots on their lines.
-const BELIEVED: f64 = 0.25;
+const BELIEVED: f64 = 0.38;
 
 /// Part of the dots of the second-fullest picture from which on no other guess is looked at: where
 /// each of two cameras sees another six tenths of the beams beside twenty strays it is 0.46.
@@ -166,7 +164,6 @@ fn best(
     reason: Option<String>,
 ) -> Result<Vec<Vec<Option<Order>>>, String> {
     let score = |c: &Guided| c.score(TIGHT);
-    for c in &candidates { if c.score(ROUGH)>15.0 {eprintln!("candidate {:.1?} found {} rough {:.1} fine {:.1} tol {:.1e}", c.module.centre, c.found.len(), c.score(ROUGH), score(c), c.tolerance);} }
     candidates.retain(is_tight);
     candidates.sort_by(|a, b| score(b).total_cmp(&score(a)));
     let nothing = || "no labelling of the dots fits the pattern in two pictures".to_owned();
@@ -180,7 +177,9 @@ fn best(
     match rival {
         Some(rival) => {
             let apart = (rival.module.centre - best.module.centre).norm();
-            Err(format!("ambiguous: two labellings fit the dots, with the module {apart:.1} mm apart"))
+            Err(format!(
+                "ambiguous: two labellings fit the dots, with the module {apart:.1} mm apart"
+            ))
         }
         None => Ok(best.labels(views)),
     }

@@ -1,15 +1,16 @@
 //! The module from dots in space, by any of four estimators, with the covariance of the pose.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 
-use super::angles::{AngleFit, Arms, fit_angles, neighbour_observations};
+use super::angles::{
+    AngleFit, AngleObservation, Arms, angle_gradient, fit_angles, neighbour_observations,
+};
 use super::field::{DotField, Fan};
 use super::generalised::fit_generalised;
 use super::propagate::{PositionFit, propagate, unit_sigma0};
 use super::resection::Station;
 use super::simplex::{self, SimplexOptions};
 use super::weighted_rays::fit_weighted_rays;
-use nalgebra::Matrix6;
 
 /// How the module is found from dots in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,10 +84,25 @@ pub fn locate(
         return by_rays(fan, field, &beams, start);
     }
     let angles = neighbour_observations(fan.pattern, &field.orders, fan.scale);
+    let fit = by_angles(fan, field, &angles, estimator, start)?;
+    let rotation = turn(&beams, &field.places, &fit.position).ok_or(LocateError::OnALine)?;
+    let covariance = propagate(fan, field, &angles, &fit, &rotation).ok_or(LocateError::OnALine)?;
+    let station = Station { centre: fit.position, rotation };
+    Ok(Located { station, covariance, sigma0: fit.sigma0, iterations: fit.iterations })
+}
+
+/// The position from angles, by any estimator that takes them.
+fn by_angles(
+    fan: &Fan<'_>,
+    field: &DotField,
+    angles: &[AngleObservation],
+    estimator: Estimator,
+    start: Vector3<f64>,
+) -> Result<PositionFit, LocateError> {
     let indeterminate = LocateError::Indeterminate(angles.len());
-    let fit = match estimator {
+    Ok(match estimator {
         Estimator::AnglesGeneralised => {
-            let fit = fit_generalised(fan, field, &angles, start)?;
+            let fit = fit_generalised(fan, field, angles, start)?;
             let redundancy = fit.rank.saturating_sub(3).max(1);
             let sigma0 = (fit.chi2 / redundancy as f64).sqrt();
             PositionFit {
@@ -97,36 +113,32 @@ pub fn locate(
             }
         }
         Estimator::AnglesSimplex(options) => {
-            let mut arms = Arms::new(&field.places, &angles);
+            let mut arms = Arms::new(&field.places, angles);
             let (at, evaluations) = simplex::minimise(|p| arms.cost(p), start, &options)
                 .ok_or(LocateError::NotSettled(options.max_evaluations))?;
             let (cost, hessian, _) = arms.normal_equations(&at);
             let cofactors = hessian.cholesky().ok_or(indeterminate)?.inverse();
             let fit = AngleFit { position: at, cost, cofactors, iterations: evaluations };
-            unit_weights(fan, field, &angles, &fit)
+            unit_weights(fan, field, angles, &fit)
         }
         Estimator::Angles | Estimator::Rays => {
-            let fit = fit_angles(&field.places, &angles, start).ok_or(indeterminate)?;
-            unit_weights(fan, field, &angles, &fit)
+            let fit = fit_angles(&field.places, angles, start).ok_or(indeterminate)?;
+            unit_weights(fan, field, angles, &fit)
         }
-    };
-    let rotation = turn(&beams, &field.places, &fit.position).ok_or(LocateError::OnALine)?;
-    let covariance = propagate(fan, field, &angles, &fit, &rotation).ok_or(LocateError::OnALine)?;
-    let station = Station { centre: fit.position, rotation };
-    Ok(Located { station, covariance, sigma0: fit.sigma0, iterations: fit.iterations })
+    })
 }
 
 fn unit_weights(
     fan: &Fan<'_>,
     field: &DotField,
-    angles: &[super::AngleObservation],
+    angles: &[AngleObservation],
     fit: &AngleFit,
 ) -> PositionFit {
     let gain = angles
         .iter()
         .map(|o| {
             let arm = |i: usize| field.places[i] - fit.position;
-            let (_, by_a, by_b) = super::angle_gradient(&arm(o.a), &arm(o.b));
+            let (_, by_a, by_b) = angle_gradient(&arm(o.a), &arm(o.b));
             fit.cofactors * -(by_a + by_b)
         })
         .collect();

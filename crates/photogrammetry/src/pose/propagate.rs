@@ -87,12 +87,11 @@ fn sensitivities(
         s.fixed_rows_mut::<3>(3).copy_from(&(turn - by_all_arms * position));
         s
     };
-    let dots = (0..n).map(|i| stack(position_by_dot[i], by_arm[i])).collect();
-    let by_beam = |i: usize| {
-        let turn = -(inverse * directions[i].0.cross_matrix() * rotation.matrix());
-        stack(position_by_beam[i], turn)
-    };
-    Some(Sensitivities { dots, beams: (0..n).map(by_beam).collect() })
+    let by_beam = |i: usize| -(inverse * directions[i].0.cross_matrix() * rotation.matrix());
+    Some(Sensitivities {
+        dots: (0..n).map(|i| stack(position_by_dot[i], by_arm[i])).collect(),
+        beams: (0..n).map(|i| stack(position_by_beam[i], by_beam(i))).collect(),
+    })
 }
 
 /// Residuals of a fit with unit weights against what dots and beams let expect.

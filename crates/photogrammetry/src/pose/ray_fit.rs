@@ -47,9 +47,10 @@ pub fn refine_rays(
         }
         station = station.moved(&h.cholesky()?.solve(&g));
     }
-    let ahead = dots.iter().zip(beams).all(|(dot, beam)| {
-        (station.rotation * beam).dot(&(dot - station.centre)) > 0.0
-    });
+    let ahead = dots
+        .iter()
+        .zip(beams)
+        .all(|(dot, beam)| (station.rotation * beam).dot(&(dot - station.centre)) > 0.0);
     if !ahead || !cost.is_finite() {
         return None;
     }

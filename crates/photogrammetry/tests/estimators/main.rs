@@ -12,3 +12,4 @@
 mod angles;
 mod bound;
 mod rays;
+mod virtual_camera;

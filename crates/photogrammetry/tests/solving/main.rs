@@ -7,3 +7,4 @@ mod capture;
 mod corner;
 mod scene;
 mod session;
+mod truth;

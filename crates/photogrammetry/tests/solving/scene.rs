@@ -10,7 +10,9 @@ use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, Camera, InteriorSigma, Order, Pattern,
     PatternModel, PatternUncertainty, Setup, TieTargets,
 };
-use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Matrix2, Matrix3, Matrix6, Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -24,6 +26,31 @@ const TARGET_SIGMA: f64 = 0.015;
 pub struct Truth {
     pub position: Vector3<f64>,
     pub rotation: UnitQuaternion<f64>,
+}
+
+impl Truth {
+    /// Normalised squared errors of a pose: of all six unknowns, and of the position. Of the four
+    /// quarter turns of the module, which a square pattern leaves open, the nearest counts.
+    pub fn normalised(&self, pose: &beampose_core::Pose) -> (f64, f64) {
+        let [w, x, y, z] = pose.quaternion_wxyz;
+        let found = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let quarter = |k: u32| {
+            let turn = std::f64::consts::FRAC_PI_2 * f64::from(k);
+            self.rotation * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn)
+        };
+        let error = |k| (found * quarter(k).inverse()).scaled_axis();
+        let rotation = (0..4).map(error).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+        let position = Vector3::from(pose.position_mm) - self.position;
+        let mut both = Vector6::zeros();
+        both.fixed_rows_mut::<3>(0).copy_from(&position);
+        both.fixed_rows_mut::<3>(3).copy_from(&rotation);
+        let covariance = Matrix6::from_fn(|r, c| pose.covariance[r][c]);
+        let of_position = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        (
+            both.dot(&covariance.cholesky().unwrap().solve(&both)),
+            position.dot(&of_position.cholesky().unwrap().solve(&position)),
+        )
+    }
 }
 
 /// Where the module stands and what it shines on.
