@@ -119,15 +119,36 @@ pub(super) fn shifted(
     guided: &Guided,
     by: Order,
 ) -> Option<Guided> {
-    let moved = |order: Order| Order { m: order.m + by.m, n: order.n + by.n };
-    let relabelled: Vec<Found> =
-        guided.found.iter().map(|f| Found { order: moved(f.order), ..f.clone() }).collect();
+    let inside = |f: &&Found| direction(beams, moved(f.order, by)).is_some();
+    let found = guided.found.iter().filter(inside).cloned().collect();
+    let (_, refitted) = refitted(beams, &Guided { found, ..guided.clone() }, by)?;
+    follow(rays, beams, &refitted.module, None)
+}
+
+fn moved(order: Order, by: Order) -> Order {
+    Order { m: order.m + by.m, n: order.n + by.n }
+}
+
+/// The labelling with all labels shifted, the module fitted anew, and the root mean square distance
+/// of the dots from their beams, mm. `None` when a label would fall outside the pattern.
+pub(super) fn refitted(
+    beams: &[(Order, Vector3<f64>)],
+    guided: &Guided,
+    by: Order,
+) -> Option<(f64, Guided)> {
+    let found: Vec<Found> = guided
+        .found
+        .iter()
+        .map(|f| Found { order: moved(f.order, by), ..f.clone() })
+        .map(|f| direction(beams, f.order).map(|_| f))
+        .collect::<Option<_>>()?;
     // The beam that a dot had is turned to where the new one points.
-    let from = direction(beams, moved(Order { m: 0, n: 0 }))?;
-    let turn = Rotation3::rotation_between(&from, &direction(beams, Order { m: 0, n: 0 })?)?;
+    let zero = Order { m: 0, n: 0 };
+    let turn =
+        Rotation3::rotation_between(&direction(beams, moved(zero, by))?, &direction(beams, zero)?)?;
     let start = Station { rotation: guided.module.rotation * turn, ..guided.module };
-    let module = fitted(&relabelled, beams, Some(&start))?.station;
-    follow(rays, beams, &module, None)
+    let fit = fitted(&found, beams, Some(&start))?;
+    Some((fit.rms_mm, Guided { module: fit.station, found, tolerance: guided.tolerance }))
 }
 
 fn direction(beams: &[(Order, Vector3<f64>)], order: Order) -> Option<Vector3<f64>> {

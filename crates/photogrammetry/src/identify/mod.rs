@@ -4,7 +4,8 @@
 //! by the pattern's extent (`anchor`); the cameras' labels are brought to agree by triangulation
 //! (`agree`). What comes out is a first guess of the module's pose, from which every beam is
 //! followed into every picture (`guide`): that decides. Where the guess explains too little, as on
-//! the two walls of a corner, others are made of patches of grid (`hypothesis`). The quarter turn,
+//! the two walls of a corner, others are made of patches of grid (`hypothesis`). Where a shift of the
+//! labels fits as well, the zero order decides (`zero`). The quarter turn,
 //! which a square pattern leaves open, is chosen nearest to the prior after the module was fitted in
 //! space (`turn`). Nothing here knows a wall's shape.
 
@@ -14,6 +15,7 @@ mod grid;
 mod guide;
 mod hypothesis;
 mod turn;
+mod zero;
 
 pub use grid::{Cell, label_grid};
 pub use turn::{Labelled, choose_turn};
@@ -51,10 +53,11 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
     let most = second_most(views) as f64;
     let first = from_whole_grids(views, &rays, &beams, pattern)
         .map(|guided| settled(&rays, &beams, guided));
+    let labels = |guided| Ok(zero::decided(views, &beams, pattern, guided)?.labels(views));
     if let Ok(guided) = &first
         && guided.found.len() as f64 >= ENOUGH * most
     {
-        return Ok(guided.labels(views));
+        return labels(guided.clone());
     }
     let mut candidates: Vec<Guided> = first.as_ref().ok().cloned().into_iter().collect();
     for sets in hypothesis::Patchwork::of(views, &rays, pattern).stages() {
@@ -66,11 +69,11 @@ pub fn label_views(views: &[View], pattern: &Pattern) -> Result<Vec<Vec<Option<O
                 }
             }
             if candidates.iter().any(|c| is_tight(c) && c.score(TIGHT) > CONVINCING * most) {
-                return best(candidates, views, None);
+                return best(candidates, views, None).and_then(labels);
             }
         }
     }
-    best(candidates, views, first.err())
+    best(candidates, views, first.err()).and_then(labels)
 }
 
 /// The labelling shifted by an order or two to where rays and beams meet best: a guess may be off by an order, and most beams still find dots near by.
@@ -162,7 +165,7 @@ fn best(
     mut candidates: Vec<Guided>,
     views: &[View],
     reason: Option<String>,
-) -> Result<Vec<Vec<Option<Order>>>, String> {
+) -> Result<Guided, String> {
     let score = |c: &Guided| c.score(TIGHT);
     candidates.retain(is_tight);
     candidates.sort_by(|a, b| score(b).total_cmp(&score(a)));
@@ -181,7 +184,7 @@ fn best(
                 "ambiguous: two labellings fit the dots, with the module {apart:.1} mm apart"
             ))
         }
-        None => Ok(best.labels(views)),
+        None => Ok(best.clone()),
     }
 }
 

@@ -3,11 +3,13 @@
 //! A square pattern fits equally well at four rolls: the one nearest to the prior is taken (rows
 //! horizontal, Y up, where there is none) and the ambiguity is reported. Shifts by an order are
 //! tried as well; they fit worse, because the fan is not an even grid. Where so few dots are left
-//! that a shift fits equally well, that is the reason why there is no pose.
+//! that a shift fits equally well, that is the reason why there is no pose, unless the zero order was
+//! told by its brightness (`zero`).
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::quarter_turn;
+use super::zero::{equal, has_bright_zero};
 use crate::pattern::{Order, Pattern};
 use crate::pose::{RayFit, Station, fit_rays, refine_rays};
 use crate::rotation::from_omega_phi_kappa;
@@ -34,15 +36,12 @@ impl Labelled {
     }
 }
 
-/// Labellings whose sums of squares differ by less than this many variances of a dot fit equally
-/// well: five standard deviations.
-const EQUAL: f64 = 25.0;
-
 /// Chooses turn and shift for `dots` (world, mm) labelled `orders`.
 ///
 /// # Errors
 /// Why the module cannot be fitted, or that a shift of the labels fits as well: the position would
-/// depend on it, so nothing is chosen.
+/// depend on it, so nothing is chosen. (A zero order that is brighter was looked at before: labels
+/// then stay as they are.)
 pub fn choose_turn(
     dots: &[Vector3<f64>],
     orders: &[Order],
@@ -59,13 +58,12 @@ pub fn choose_turn(
     let shifted: Vec<Labelled> =
         shifts.filter_map(|shift| field.fit(best.turns, shift, Some(best))).collect();
     if let Some(better) = shifted.iter().min_by(|a, b| rms(a).total_cmp(&rms(b))) {
-        let redundancy = (2 * dots.len()).saturating_sub(6).max(1) as f64;
-        let (least, most) = (rms(better).min(rms(best)), rms(better).max(rms(best)));
-        if most * most < least * least * (1.0 + EQUAL / redundancy) {
+        let alike = equal(rms(better), rms(best), dots.len());
+        if alike && !has_bright_zero(pattern) {
             let (m, n) = better.shift;
             return Err(format!("ambiguous: labels shifted by ({m}, {n}) fit as well"));
         }
-        if rms(better) < rms(best) {
+        if !alike && rms(better) < rms(best) {
             turned = field.turned(better);
         }
     }
@@ -179,16 +177,17 @@ mod tests {
         }
     }
 
-    /// Dots within `half` orders of the centre on a plane 1 m away, off by 0.3 mm here and there,
-    /// labelled as if they were `shift` orders farther right.
-    fn chosen(half: i32, shift: i32) -> Result<Labelled, String> {
+    /// Dots within `half` orders of the centre on a plane 1 m away, tilted by 30 degrees, off by `noise_mm` here
+    /// and there, labelled as if they were `shift` orders farther right.
+    fn chosen(half: i32, shift: i32, noise_mm: f64) -> Result<Labelled, String> {
         let pattern = pattern();
         let inside = |o: &Order| o.m.abs().max(o.n.abs()) <= half;
         let orders: Vec<Order> = pattern.orders().filter(inside).collect();
         let dot = |(i, order): (usize, &Order)| {
             let d = pattern.direction(*order, 0.0).unwrap();
-            let off = |k: usize| 0.3 * ((i * k) as f64).sin();
-            d * (1000.0 / d.z) + Vector3::new(off(7), off(11), off(13))
+            let off = |k: usize| noise_mm * ((i * k) as f64).sin();
+            let normal = Vector3::new(0.5, 0.0, 0.75_f64.sqrt());
+            d * (1000.0 * normal.z / d.dot(&normal)) + Vector3::new(off(7), off(11), off(13))
         };
         let dots: Vec<Vector3<f64>> = orders.iter().enumerate().map(dot).collect();
         let labels: Vec<Order> = orders.iter().map(|o| Order { m: o.m + shift, ..*o }).collect();
@@ -197,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_square_pattern_leaves_the_turn_to_the_prior_and_says_so() {
-        let labelled = chosen(5, 0).unwrap();
+        let labelled = chosen(5, 0, 0.1).unwrap();
         assert_eq!(labelled.shift, (0, 0));
         assert!(labelled.ambiguous);
         assert!(labelled.fit.station.centre.norm() < 1.0);
@@ -205,16 +204,16 @@ mod tests {
 
     #[test]
     fn labels_off_by_an_order_are_put_right() {
-        let labelled = chosen(4, 1).unwrap();
+        let labelled = chosen(4, 1, 0.1).unwrap();
         let back = labelled.apply(Order { m: 1, n: 0 });
         assert_eq!(back, Order { m: 0, n: 0 });
         assert!(labelled.fit.station.centre.norm() < 1.0);
     }
 
-    /// Nine dots, off by 0.3 mm, bend by less than that when their labels are shifted.
+    /// Nine dots, off by 0.1 mm, bend by less than that when their labels are shifted.
     #[test]
     fn too_small_a_part_of_the_pattern_is_refused_as_ambiguous() {
-        let reason = chosen(1, 0).unwrap_err();
+        let reason = chosen(1, 0, 0.1).unwrap_err();
         assert!(reason.contains("ambiguous"), "{reason}");
     }
 }

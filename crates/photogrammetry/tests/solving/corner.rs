@@ -146,3 +146,32 @@ fn other_dots_hidden_in_each_picture_give_no_wrong_pose() {
     solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 90.0 }, 40, 4);
     solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 40.0 }, 40, 4);
 }
+
+/// Straight before the wall an even fan shifted by an order fits as well from a step aside, once so
+/// much of its rim is hidden that its radial term does not show: the brighter zero order decides,
+/// and without one nothing does.
+#[test]
+fn a_hidden_rim_straight_before_the_wall_is_decided_by_the_zero_order_alone() {
+    let mut laboratory = Laboratory::drawn(4);
+    let shot = Shot { turned_deg: [0.0; 3], ..Shot::on_rail(300.0) };
+    let (mut sightings, truth) = laboratory.shot(4, &shot);
+    for sighting in sightings.values_mut() {
+        let mut index = 0;
+        sighting.dots.retain(|_| {
+            index += 1;
+            let (column, row) = ((index - 1) % 11, (index - 1) / 11);
+            (3..8).contains(&column) && (3..8).contains(&row)
+        });
+    }
+    let read = Some(laboratory.read_nm());
+    let methods = &Method::OF_A_CAPTURE;
+    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    for result in &solution.results {
+        // 99.99 % of a chi squared of six.
+        assert!(truth.normalised(result.pose.as_ref().unwrap()).0 < 27.9, "{:?}", result.method);
+    }
+    laboratory.setup.pattern.zero_order_relative_intensity = None;
+    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    let reason = solution.results[0].pose.as_ref().unwrap_err();
+    assert!(reason.contains("ambiguous"), "{reason}");
+}
