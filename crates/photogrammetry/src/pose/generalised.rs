@@ -24,11 +24,12 @@ pub(super) struct GeneralisedFit {
     pub iterations: usize,
 }
 
-/// Dense work grows with the square of the angles and memory too: 1640 of a fan of 21 x 21 take a
-/// second, those of 41 x 41 would take minutes. The ray fit is as good and has no such bound.
+/// Work grows with the cube of the angles and memory with their square: 420 of a fan of 11 x 11 take
+/// 8 ms, so 1640 of 21 x 21 half a second, and no fan beyond is taken. The ray fit is as good and has
+/// no such bound.
 const MOST_ANGLES: usize = 2000;
-/// A pivot below this part of the largest variance is rounding: true ones end at about 1e-3, what
-/// is left of dependent ones at 1e-13.
+/// A pivot below this part of the largest variance is rounding: of 420 angles the 239 true ones end
+/// above 1e-3.
 const RANK: f64 = 1e-9;
 /// Weights are set anew at each position found; the second change is second-order small.
 const WEIGHTINGS: usize = 2;

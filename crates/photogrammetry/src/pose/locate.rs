@@ -18,7 +18,7 @@ pub enum Estimator {
     /// Angles between neighbours with unit weights (eq. 3.4), by Nelder and Mead's simplex, as the
     /// dissertation did it.
     AnglesSimplex(SimplexOptions),
-    /// The same sum of squares by Levenberg-Marquardt: the same position, a thousand times faster.
+    /// The same sum of squares by Levenberg-Marquardt: the same position, many times faster.
     Angles,
     /// The same angles weighted by their full covariance.
     AnglesGeneralised,

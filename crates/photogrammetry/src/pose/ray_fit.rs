@@ -28,7 +28,7 @@ pub fn fit_rays(dots: &[Vector3<f64>], beams: &[Vector3<f64>]) -> Option<RayFit>
     refine_rays(dots, beams, &resect(dots, &tangents)?)
 }
 
-/// As [`fit_rays`], from a station near by instead of from nothing: ten times faster.
+/// As [`fit_rays`], from a station near by instead of from nothing.
 #[must_use]
 pub fn refine_rays(
     dots: &[Vector3<f64>],
