@@ -98,11 +98,16 @@ fn outcome(case: Case, seed: u64) -> Outcome {
     poses.map_or_else(Outcome::Refused, Outcome::Solved)
 }
 
+/// The first seed. Seeds below 100 served to develop the identification, which solves all of them
+/// where beams are hidden: what it is worth shows on seeds that nobody looked at.
+const UNSEEN: u64 = 50_000;
+
 /// No seed is wrong, and no more than `may_refuse` are refused: 99.99 % of a chi squared of six lie
 /// below 27.9, and of a few hundred values none is expected beyond.
 #[track_caller]
 fn solved(case: Case, seeds: u64, may_refuse: usize) {
-    let outcomes: Vec<Outcome> = (0..seeds).into_par_iter().map(|s| outcome(case, s)).collect();
+    let outcomes: Vec<Outcome> =
+        (0..seeds).into_par_iter().map(|s| outcome(case, UNSEEN + s)).collect();
     let mut sums = [0.0; 2];
     let (mut refused, mut wrong) = (Vec::new(), Vec::new());
     for (seed, outcome) in outcomes.iter().enumerate() {
@@ -122,19 +127,23 @@ fn solved(case: Case, seeds: u64, may_refuse: usize) {
     assert!(refused.len() <= may_refuse, "{case:?}: refused {refused:?}");
 }
 
+// Of 200 unseen seeds each, refused were: four cameras 1, three cameras 7, outer corner 4; other dots
+// hidden in each picture: four cameras 0, three cameras 11, a bend of 40 degrees 3. None was wrong.
+// One in twenty may be refused here, one in ten where two pictures lack different dots.
+
 #[test]
 fn a_corner_with_hidden_beams_and_strays_is_solved_by_three_of_four_cameras() {
-    solved(Case { cameras: 4, hidden: Hidden::Beams, bend: 90.0 }, 100, 0);
+    solved(Case { cameras: 4, hidden: Hidden::Beams, bend: 90.0 }, 100, 5);
 }
 
 #[test]
 fn a_corner_with_hidden_beams_and_strays_is_solved_by_two_of_three_cameras() {
-    solved(Case { cameras: 3, hidden: Hidden::Beams, bend: 90.0 }, 100, 0);
+    solved(Case { cameras: 3, hidden: Hidden::Beams, bend: 90.0 }, 100, 5);
 }
 
 #[test]
 fn an_outer_corner_is_solved() {
-    solved(Case { cameras: 3, hidden: Hidden::Beams, bend: -40.0 }, 40, 0);
+    solved(Case { cameras: 3, hidden: Hidden::Beams, bend: -40.0 }, 100, 5);
 }
 
 /// Two pictures that each lack other four tenths have 44 of 121 beams in common, among 40 strays:
@@ -142,9 +151,9 @@ fn an_outer_corner_is_solved() {
 /// none is wrong without a word, and that nine in ten are solved.
 #[test]
 fn other_dots_hidden_in_each_picture_give_no_wrong_pose() {
-    solved(Case { cameras: 4, hidden: Hidden::Dots, bend: 90.0 }, 30, 3);
-    solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 90.0 }, 40, 4);
-    solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 40.0 }, 40, 4);
+    solved(Case { cameras: 4, hidden: Hidden::Dots, bend: 90.0 }, 100, 5);
+    solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 90.0 }, 100, 10);
+    solved(Case { cameras: 3, hidden: Hidden::Dots, bend: 40.0 }, 100, 10);
 }
 
 /// Straight before the wall an even fan shifted by an order fits as well from a step aside, once so
