@@ -3,12 +3,11 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
+use super::guide::meet;
 use super::{View, quarter_turn};
-use crate::pattern::{Order, Pattern};
-use crate::pose::Station;
-use crate::pose::triangulate;
+use crate::pattern::{Order, Pattern, angle_between};
 
 type Labels = Vec<Option<Order>>;
 
@@ -87,14 +86,17 @@ fn changed(labels: &Labels, turn: usize, (dm, dn): (i32, i32), pattern: &Pattern
         .collect()
 }
 
-type Rays<'a> = BTreeMap<Order, Vec<(&'a Station, Vector2<f64>)>>;
+/// Centres and unit vectors in the world.
+type Rays<'a> = BTreeMap<Order, Vec<(&'a Vector3<f64>, Vector3<f64>)>>;
 
 fn rays_by_order<'a>(views: &'a [View], labels: &[Labels], done: &[usize]) -> Rays<'a> {
     let mut rays = Rays::new();
     for &view in done {
         for (label, direction) in labels[view].iter().zip(&views[view].directions) {
             if let Some(order) = label {
-                rays.entry(*order).or_default().push((&views[view].station, *direction));
+                let station = &views[view].station;
+                let along = station.rotation * direction.push(1.0).normalize();
+                rays.entry(*order).or_default().push((&station.centre, along));
             }
         }
     }
@@ -109,10 +111,12 @@ fn misclosure(views: &[View], known: &Rays<'_>, view: usize, labels: &Labels) ->
         .iter()
         .zip(&views[view].directions)
         .filter_map(|(label, direction)| {
-            let mut rays = known.get(&(*label)?)?.clone();
-            rays.push((station, *direction));
-            let point = triangulate(&rays)?;
-            Some(rays.iter().map(|(s, d)| miss(s, d, &point)).fold(0.0, f64::max))
+            let others = known.get(&(*label)?)?;
+            let along = station.rotation * direction.push(1.0).normalize();
+            let own = std::iter::once((&station.centre, &along));
+            let point = meet(others.iter().map(|(c, d)| (*c, d)).chain(own.clone()))?;
+            let rays = others.iter().map(|(c, d)| (*c, d)).chain(own);
+            Some(rays.map(|(from, along)| miss(from, along, &point)).fold(0.0, f64::max))
         })
         .collect();
     if misses.len() < 4 {
@@ -123,6 +127,6 @@ fn misclosure(views: &[View], known: &Rays<'_>, view: usize, labels: &Labels) ->
 }
 
 /// The angle between a ray and the direction to a point; a point behind misses by half a turn.
-pub(crate) fn miss(station: &Station, direction: &Vector2<f64>, point: &Vector3<f64>) -> f64 {
-    crate::pattern::angle_between(&direction.push(1.0), &station.station_point(point))
+fn miss(from: &Vector3<f64>, along: &Vector3<f64>, point: &Vector3<f64>) -> f64 {
+    angle_between(along, &(point - from))
 }

@@ -24,9 +24,9 @@ const AROUND: [Cell; 8] = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-
 pub fn label_grid(points: &[Vector2<f64>]) -> Vec<Option<Cell>> {
     let mut best: Vec<Option<Cell>> = vec![None; points.len()];
     let mut best_count = 0;
-    for seed in seeds(points) {
+    for seed in seeds(points, SEEDS) {
         let Some(basis) = basis_at(points, seed) else { continue };
-        let labels = grow(points, seed, &basis);
+        let labels = grow(points, seed, &basis, i32::MAX);
         let count = labels.iter().flatten().count();
         if count > best_count {
             (best, best_count) = (labels, count);
@@ -37,6 +37,75 @@ pub fn label_grid(points: &[Vector2<f64>]) -> Vec<Option<Cell>> {
     }
     unshear(&mut best);
     best
+}
+
+/// Fewest dots that make a patch.
+const PATCH: usize = 8;
+/// Most patches of a kind taken from one picture.
+const PATCHES: usize = 6;
+/// Seeds tried for patches, spread over the picture.
+const PATCH_SEEDS: usize = 40;
+/// How far from its seed a small patch goes, cells: half across a pattern of eleven. Growth slips
+/// by a cell now and then where much is hidden or a wall bends; near its seed it seldom does.
+const NEAR: i32 = 3;
+
+/// The dots of a patch with their cells.
+pub(super) type Patch = Vec<(usize, Cell)>;
+
+/// Grids that hold together by themselves, the largest first: where the pattern is folded over a
+/// corner or much of it is hidden, growth ends before the whole is labelled, or errs on the way.
+pub(super) struct Patches {
+    /// Grown as far as they go, no wider than a given number of cells.
+    pub large: Vec<Patch>,
+    /// Grown around their seeds only.
+    pub small: Vec<Patch>,
+}
+
+/// The patches of one picture, at most `widest` cells wide.
+pub(super) fn patches(points: &[Vector2<f64>], widest: i32) -> Patches {
+    let every = points.len().div_ceil(PATCH_SEEDS).max(1);
+    let starts: Vec<(usize, Matrix2<f64>)> = seeds(points, points.len())
+        .into_iter()
+        .step_by(every)
+        .flat_map(|seed| [basis_at(points, seed), voted_basis(points, seed)].map(|b| (seed, b)))
+        .filter_map(|(seed, basis)| Some((seed, basis?)))
+        .collect();
+    let grown = |reach: i32| {
+        let all = starts.iter().map(|(seed, basis)| patch(&grow(points, *seed, basis, reach)));
+        let fit = |p: &Patch| p.len() >= PATCH && width(p) <= widest;
+        chosen(all.filter(fit).collect(), points.len())
+    };
+    Patches { large: grown(i32::MAX), small: grown(NEAR) }
+}
+
+/// Of many patches the largest, and those that have enough dots which the ones before lack.
+fn chosen(mut grown: Vec<Patch>, points: usize) -> Vec<Patch> {
+    let mut taken = vec![false; points];
+    let mut chosen = Vec::new();
+    while chosen.len() < PATCHES {
+        let news = |p: &Patch| p.iter().filter(|(dot, _)| !taken[*dot]).count();
+        grown.retain(|p| news(p) >= PATCH && 2 * news(p) >= p.len());
+        // The first of the largest: `max_by_key` takes the last.
+        let Some(at) = (0..grown.len()).rev().max_by_key(|i| news(&grown[*i])) else { break };
+        let best = grown.swap_remove(at);
+        best.iter().for_each(|(dot, _)| taken[*dot] = true);
+        chosen.push(best);
+    }
+    chosen
+}
+
+fn width(patch: &Patch) -> i32 {
+    let span = |axis: fn(&Cell) -> i32| {
+        let values = || patch.iter().map(|(_, cell)| axis(cell));
+        values().max().unwrap_or(0) - values().min().unwrap_or(0) + 1
+    };
+    span(|c| c.0).max(span(|c| c.1))
+}
+
+fn patch(labels: &[Option<Cell>]) -> Patch {
+    let mut labels = labels.to_vec();
+    unshear(&mut labels);
+    labels.iter().enumerate().filter_map(|(dot, cell)| Some((dot, (*cell)?))).collect()
 }
 
 /// Undoes a shear: beside a hidden dot the seed may have taken a diagonal for a side. The whole
@@ -76,7 +145,7 @@ fn bounding_area(cells: impl Iterator<Item = Cell>) -> i64 {
 }
 
 /// Points in order of their distance from the middle: there a grid is whole and even.
-fn seeds(points: &[Vector2<f64>]) -> Vec<usize> {
+fn seeds(points: &[Vector2<f64>], most: usize) -> Vec<usize> {
     let middle = |axis: usize| {
         let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);
@@ -87,7 +156,7 @@ fn seeds(points: &[Vector2<f64>]) -> Vec<usize> {
     order.sort_by(|&a, &b| {
         (points[a] - centre).norm_squared().total_cmp(&(points[b] - centre).norm_squared())
     });
-    order.truncate(SEEDS);
+    order.truncate(most);
     order
 }
 
@@ -114,15 +183,93 @@ fn basis_at(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
     None
 }
 
-fn grow(points: &[Vector2<f64>], seed: usize, basis: &Matrix2<f64>) -> Vec<Option<Cell>> {
+/// Dots around a seed whose differences are counted.
+const VOTERS: usize = 14;
+/// A difference is a step of the grid when as many others are like it as this part of the most
+/// frequent one has.
+const FREQUENT: f64 = 0.5;
+
+/// The two steps of the grid around a point by vote: the shortest of the differences between dots
+/// that occur often. It needs no dot's neighbours to be complete, and strays have no followers.
+fn voted_basis(points: &[Vector2<f64>], seed: usize) -> Option<Matrix2<f64>> {
+    let mut near: Vec<&Vector2<f64>> = points.iter().collect();
+    let from_seed = |p: &Vector2<f64>| (p - points[seed]).norm_squared();
+    near.sort_by(|a, b| from_seed(a).total_cmp(&from_seed(b)));
+    near.truncate(VOTERS);
+    let mut steps: Vec<Vector2<f64>> = Vec::new();
+    for (i, a) in near.iter().enumerate() {
+        // Of a difference and its opposite, the one that points right.
+        steps.extend(near[..i].iter().map(|b| *a - *b).map(|d| if d.x < 0.0 { -d } else { d }));
+    }
+    let alike =
+        |s: &Vector2<f64>, t: &Vector2<f64>| (s - t).norm().min((s + t).norm()) < 0.15 * s.norm();
+    let votes: Vec<usize> =
+        steps.iter().map(|s| steps.iter().filter(|t| alike(s, t)).count()).collect();
+    let enough = FREQUENT * votes.iter().copied().max()? as f64;
+    let mut frequent: Vec<Vector2<f64>> =
+        steps.iter().zip(&votes).filter(|(_, n)| **n as f64 >= enough).map(|(s, _)| *s).collect();
+    frequent.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
+    let u = *frequent.first()?;
+    let sine = |v: &Vector2<f64>| (u.x * v.y - u.y * v.x) / (u.norm() * v.norm());
+    let v = *frequent.iter().find(|v| sine(v).abs() > 0.5)?;
+    Some(if sine(&v) > 0.0 {
+        Matrix2::from_columns(&[u, v])
+    } else {
+        Matrix2::from_columns(&[v, u])
+    })
+}
+
+/// How far from its seed a grid may reach, cells: across a pattern of 81 from its rim.
+const REACH: i32 = 84;
+
+/// The dot of each cell, looked up many times for each that is added: a table around the seed.
+struct Cells {
+    dots: Vec<Option<usize>>,
+    /// The cells that are filled, in the order in which they were.
+    order: Vec<Cell>,
+}
+
+impl Cells {
+    fn new(cell: Cell, dot: usize) -> Self {
+        let side = (2 * REACH + 1) as usize;
+        let mut cells = Self { dots: vec![None; side * side], order: Vec::new() };
+        cells.insert(cell, dot);
+        cells
+    }
+
+    fn index((i, j): Cell) -> Option<usize> {
+        let inside = i.abs().max(j.abs()) <= REACH;
+        inside.then(|| ((j + REACH) * (2 * REACH + 1) + i + REACH) as usize)
+    }
+
+    fn get(&self, cell: Cell) -> Option<usize> {
+        self.dots[Self::index(cell)?]
+    }
+
+    /// False for a cell out of reach.
+    fn insert(&mut self, cell: Cell, dot: usize) -> bool {
+        let Some(index) = Self::index(cell) else { return false };
+        self.dots[index] = Some(dot);
+        self.order.push(cell);
+        true
+    }
+}
+
+/// Cells of the dots that can be reached from a seed, no farther than `reach` cells from it.
+fn grow(
+    points: &[Vector2<f64>],
+    seed: usize,
+    basis: &Matrix2<f64>,
+    reach: i32,
+) -> Vec<Option<Cell>> {
     let mut labels = vec![None; points.len()];
-    let mut cells = BTreeMap::from([((0, 0), seed)]);
+    let mut cells = Cells::new((0, 0), seed);
     labels[seed] = Some((0, 0));
     // A cell that could not be reached from one side may be from another: until nothing is added.
     loop {
-        let before = cells.len();
-        sweep(points, &mut labels, &mut cells, basis);
-        if cells.len() == before {
+        let before = cells.order.len();
+        sweep(points, &mut labels, &mut cells, basis, reach);
+        if cells.order.len() == before {
             return labels;
         }
     }
@@ -131,20 +278,23 @@ fn grow(points: &[Vector2<f64>], seed: usize, basis: &Matrix2<f64>) -> Vec<Optio
 fn sweep(
     points: &[Vector2<f64>],
     labels: &mut [Option<Cell>],
-    cells: &mut BTreeMap<Cell, usize>,
+    cells: &mut Cells,
     basis: &Matrix2<f64>,
+    reach: i32,
 ) {
-    let mut queue: VecDeque<Cell> = cells.keys().copied().collect();
+    let mut queue: VecDeque<Cell> = cells.order.iter().copied().collect();
     while let Some(cell) = queue.pop_front() {
         for (di, dj) in AROUND {
             let next = (cell.0 + di, cell.1 + dj);
-            if cells.contains_key(&next) {
+            if next.0.abs().max(next.1.abs()) > reach || cells.get(next).is_some() {
                 continue;
             }
             let Some((at, step)) = predict(points, cells, cell, next, basis) else { continue };
             let Some(found) = nearest_free(points, labels, at, TOLERANCE * step) else { continue };
+            if !cells.insert(next, found) {
+                continue;
+            }
             labels[found] = Some(next);
-            cells.insert(next, found);
             queue.push_back(next);
         }
     }
@@ -154,7 +304,7 @@ fn sweep(
 /// labelled cells around it, else one seed step from `cell`.
 fn predict(
     points: &[Vector2<f64>],
-    cells: &BTreeMap<Cell, usize>,
+    cells: &Cells,
     cell: Cell,
     next: Cell,
     basis: &Matrix2<f64>,
@@ -163,7 +313,7 @@ fn predict(
     let mut right = SMatrix::<f64, 3, 2>::zeros();
     for di in -2..=2 {
         for dj in -2..=2 {
-            if let Some(&i) = cells.get(&(next.0 + di, next.1 + dj)) {
+            if let Some(i) = cells.get((next.0 + di, next.1 + dj)) {
                 let row = Vector3::new(f64::from(di), f64::from(dj), 1.0);
                 // Near cells count most: the map is affine only nearby.
                 let weight = f64::from(di * di + dj * dj).powi(-2);
@@ -179,7 +329,7 @@ fn predict(
         let step = map.row(0).norm().min(map.row(1).norm());
         return Some((map.row(2).transpose(), step));
     }
-    let from = points[*cells.get(&cell)?];
+    let from = points[cells.get(cell)?];
     let offset = Vector2::new(f64::from(next.0 - cell.0), f64::from(next.1 - cell.1));
     let step = basis.column(0).norm().min(basis.column(1).norm());
     Some((from + basis * offset, step))
@@ -191,12 +341,14 @@ fn nearest_free(
     at: Vector2<f64>,
     within: f64,
 ) -> Option<usize> {
-    points
-        .iter()
-        .enumerate()
-        .filter(|(i, p)| labels[*i].is_none() && (*p - at).norm() <= within)
-        .min_by(|(_, a), (_, b)| (*a - at).norm_squared().total_cmp(&(*b - at).norm_squared()))
-        .map(|(i, _)| i)
+    let (mut best, mut least) = (None, within * within);
+    for (i, point) in points.iter().enumerate() {
+        let squared = (point - at).norm_squared();
+        if squared <= least && labels[i].is_none() {
+            (best, least) = (Some(i), squared);
+        }
+    }
+    best
 }
 
 #[cfg(test)]

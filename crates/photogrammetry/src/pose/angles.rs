@@ -65,7 +65,73 @@ pub fn angle_gradient(a: &Vector3<f64>, b: &Vector3<f64>) -> (f64, Vector3<f64>,
     (sine.atan2(cosine), by_a, by_b)
 }
 
-/// Fits the module's position to the angles between `dots` (world, mm), from `start`.
+/// The angles as computed from a position, and what eq. 3.4 makes of them.
+///
+/// Each dot is an end of up to eight angles: lengths and unit vectors are taken once.
+pub(super) struct Arms<'a> {
+    dots: &'a [Vector3<f64>],
+    angles: &'a [AngleObservation],
+    /// Unit vector to each dot and the inverse of its length, at the last position asked for.
+    units: Vec<(Vector3<f64>, f64)>,
+}
+
+impl<'a> Arms<'a> {
+    pub fn new(dots: &'a [Vector3<f64>], angles: &'a [AngleObservation]) -> Self {
+        Self { dots, angles, units: Vec::with_capacity(dots.len()) }
+    }
+
+    fn stand_at(&mut self, position: &Vector3<f64>) {
+        self.units.clear();
+        self.units.extend(self.dots.iter().map(|dot| {
+            let arm = dot - position;
+            let inverse = 1.0 / arm.norm();
+            (arm * inverse, inverse)
+        }));
+    }
+
+    /// Sum of squared residuals (eq. 3.4), radians squared.
+    pub fn cost(&mut self, position: &Vector3<f64>) -> f64 {
+        self.stand_at(position);
+        let square = |o: &AngleObservation| {
+            let residual = o.angle - angle_between(&self.units[o.a].0, &self.units[o.b].0);
+            residual * residual
+        };
+        self.angles.iter().map(square).sum()
+    }
+
+    /// Cost, normal matrix and right side for a step of the position.
+    pub fn normal_equations(
+        &mut self,
+        position: &Vector3<f64>,
+    ) -> (f64, Matrix3<f64>, Vector3<f64>) {
+        self.stand_at(position);
+        let (mut cost, mut hessian, mut gradient) = (0.0, Matrix3::zeros(), Vector3::zeros());
+        for observation in self.angles {
+            let ((ua, ia), (ub, ib)) = (self.units[observation.a], self.units[observation.b]);
+            let (sine, cosine) = (ua.cross(&ub).norm(), ua.dot(&ub));
+            // Minus the sum of both gradients of `angle_gradient`.
+            let by_position = (ub * (ia - ib * cosine) + ua * (ib - ia * cosine)) * (1.0 / sine);
+            let residual = observation.angle - sine.atan2(cosine);
+            cost += residual * residual;
+            // The upper triangle alone, mirrored below: half the work of the outer product.
+            for column in 0..3 {
+                for row in 0..=column {
+                    hessian[(row, column)] += by_position[row] * by_position[column];
+                }
+            }
+            gradient += by_position * residual;
+        }
+        hessian.fill_lower_triangle_with_upper_triangle();
+        (cost, hessian, gradient)
+    }
+}
+
+/// A step of this part of the module's distance ends the fit: what Gauss-Newton leaves after it is
+/// smaller by the ratio of residuals to angles, a thousandth or less.
+const CONVERGED: f64 = 1e-9;
+
+/// Fits the module's position to the angles between `dots` (world, mm), from `start`, by
+/// Levenberg-Marquardt.
 ///
 /// `None` when fewer than four angles are given or they do not determine a position.
 #[must_use]
@@ -77,45 +143,29 @@ pub fn fit_angles(
     if angles.len() < 4 {
         return None;
     }
+    let mut arms = Arms::new(dots, angles);
     let mut position = start;
-    let (mut cost, mut hessian, mut gradient) = normal_equations(dots, angles, &position);
-    let (mut damping, mut iterations) = (1e-3, 0);
+    let (mut cost, mut hessian, mut gradient) = arms.normal_equations(&position);
+    let (mut damping, mut iterations) = (1e-6, 0);
     while iterations < 100 && damping < 1e10 {
         iterations += 1;
         let damped = hessian + Matrix3::from_diagonal(&(hessian.diagonal() * damping));
         let step = damped.cholesky()?.solve(&gradient);
-        let (new_cost, h, g) = normal_equations(dots, angles, &(position + step));
+        let (new_cost, h, g) = arms.normal_equations(&(position + step));
+        let done = step.norm() < CONVERGED * (position - dots[angles[0].a]).norm();
         if new_cost <= cost {
             position += step;
-            let done = step.norm() < 1e-9 * (position - dots[angles[0].a]).norm();
             (cost, hessian, gradient) = (new_cost, h, g);
-            damping *= 0.1;
-            if done {
-                break;
-            }
+            damping = (damping * 0.1).max(1e-14);
         } else {
             damping *= 10.0;
         }
+        // At the minimum rounding decides whether a step lowers the cost.
+        if done {
+            break;
+        }
     }
     Some(AngleFit { position, cost, cofactors: hessian.cholesky()?.inverse(), iterations })
-}
-
-fn normal_equations(
-    dots: &[Vector3<f64>],
-    angles: &[AngleObservation],
-    position: &Vector3<f64>,
-) -> (f64, Matrix3<f64>, Vector3<f64>) {
-    let (mut cost, mut hessian, mut gradient) = (0.0, Matrix3::zeros(), Vector3::zeros());
-    for observation in angles {
-        let (a, b) = (dots[observation.a] - position, dots[observation.b] - position);
-        let (angle, by_a, by_b) = angle_gradient(&a, &b);
-        let by_position = -(by_a + by_b);
-        let residual = observation.angle - angle;
-        cost += residual * residual;
-        hessian += by_position * by_position.transpose();
-        gradient += by_position * residual;
-    }
-    (cost, hessian, gradient)
 }
 
 #[cfg(test)]
@@ -134,5 +184,25 @@ mod tests {
             assert!((slope_a - by_a[axis]).abs() < 1e-9);
             assert!((slope_b - by_b[axis]).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn normal_equations_are_made_of_the_gradients() {
+        let dots =
+            [Vector3::new(30.0, -50.0, 900.0), Vector3::new(80.0, -40.0, 910.0), Vector3::z()];
+        let angles =
+            [(0, 1, 0.05), (1, 2, 0.1)].map(|(a, b, angle)| AngleObservation { a, b, angle });
+        let position = Vector3::new(3.0, -2.0, -500.0);
+        let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+        for o in &angles {
+            let (angle, by_a, by_b) =
+                angle_gradient(&(dots[o.a] - position), &(dots[o.b] - position));
+            let by_position = -(by_a + by_b);
+            hessian += by_position * by_position.transpose();
+            gradient += by_position * (o.angle - angle);
+        }
+        let (_, h, g) = Arms::new(&dots, &angles).normal_equations(&position);
+        assert!((h - hessian).norm() < 1e-12 * hessian.norm());
+        assert!((g - gradient).norm() < 1e-12 * gradient.norm());
     }
 }

@@ -25,17 +25,34 @@ pub struct RayFit {
 pub fn fit_rays(dots: &[Vector3<f64>], beams: &[Vector3<f64>]) -> Option<RayFit> {
     let tangents: Vec<Vector2<f64>> =
         beams.iter().map(|b| Vector2::new(b.x / b.z, b.y / b.z)).collect();
-    let mut station = resect(dots, &tangents)?;
+    refine_rays(dots, beams, &resect(dots, &tangents)?)
+}
+
+/// As [`fit_rays`], from a station near by instead of from nothing.
+#[must_use]
+pub fn refine_rays(
+    dots: &[Vector3<f64>],
+    beams: &[Vector3<f64>],
+    start: &Station,
+) -> Option<RayFit> {
+    let mut station = *start;
     let (mut cost, mut hessian) = (f64::INFINITY, Matrix6::zeros());
-    // Resection starts close by: Gauss-Newton converges in three or four steps.
+    // A start close by: Gauss-Newton converges in three or four steps.
     for _ in 0..20 {
         let (new_cost, h, g) = normal_equations(dots, beams, &station);
-        let done = (cost - new_cost).abs() <= 1e-13 * new_cost;
+        let done = (cost - new_cost).abs() <= 1e-9 * new_cost;
         (cost, hessian) = (new_cost, h);
         if done {
             break;
         }
         station = station.moved(&h.cholesky()?.solve(&g));
+    }
+    let ahead = dots
+        .iter()
+        .zip(beams)
+        .all(|(dot, beam)| (station.rotation * beam).dot(&(dot - station.centre)) > 0.0);
+    if !ahead || !cost.is_finite() {
+        return None;
     }
     let rms_mm = (cost / (2.0 * dots.len() as f64)).sqrt();
     Some(RayFit { station, rms_mm, cofactors: hessian.cholesky()?.inverse() })
@@ -63,7 +80,7 @@ fn normal_equations(
 }
 
 /// Two unit vectors across a beam, as rows.
-fn across(beam: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
+pub(super) fn across(beam: &Vector3<f64>) -> SMatrix<f64, 2, 3> {
     let u = beam.cross(&Vector3::y()).normalize();
     let v = beam.cross(&u);
     SMatrix::<f64, 2, 3>::from_rows(&[u.transpose(), v.transpose()])

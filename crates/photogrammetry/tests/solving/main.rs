@@ -4,5 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
 
 mod capture;
+mod corner;
 mod scene;
 mod session;
+mod truth;

@@ -10,7 +10,9 @@ use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, Camera, InteriorSigma, Order, Pattern,
     PatternModel, PatternUncertainty, Setup, TieTargets,
 };
-use nalgebra::{Matrix2, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Matrix2, Matrix3, Matrix6, Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -25,6 +27,79 @@ pub struct Truth {
     pub position: Vector3<f64>,
     pub rotation: UnitQuaternion<f64>,
 }
+
+impl Truth {
+    /// Normalised squared errors of a pose: of all six unknowns, and of the position. Of the four
+    /// quarter turns of the module, which a square pattern leaves open, the nearest counts.
+    pub fn normalised(&self, pose: &beampose_core::Pose) -> (f64, f64) {
+        let [w, x, y, z] = pose.quaternion_wxyz;
+        let found = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let quarter = |k: u32| {
+            let turn = std::f64::consts::FRAC_PI_2 * f64::from(k);
+            self.rotation * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn)
+        };
+        let error = |k| (found * quarter(k).inverse()).scaled_axis();
+        let rotation = (0..4).map(error).min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+        let position = Vector3::from(pose.position_mm) - self.position;
+        let mut both = Vector6::zeros();
+        both.fixed_rows_mut::<3>(0).copy_from(&position);
+        both.fixed_rows_mut::<3>(3).copy_from(&rotation);
+        let covariance = Matrix6::from_fn(|r, c| pose.covariance[r][c]);
+        let of_position = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        (
+            both.dot(&covariance.cholesky().unwrap().solve(&both)),
+            position.dot(&of_position.cholesky().unwrap().solve(&position)),
+        )
+    }
+}
+
+/// Where the module stands and what it shines on.
+#[derive(Debug, Clone, Copy)]
+pub struct Shot {
+    /// Omega, phi, kappa of the module, degrees.
+    pub turned_deg: [f64; 3],
+    /// Where its axis meets the wall z = 0, and how far away that is, mm.
+    pub aim: [f64; 3],
+    pub distance: f64,
+    /// A second wall that leaves the first along x = `.0` mm, to the left, bent by `.1` degrees
+    /// towards the cameras (negative: away from them).
+    pub corner: Option<(f64, f64)>,
+}
+
+impl Shot {
+    /// The rail of the default rig: `rail` mm back from 0.9 m.
+    pub fn on_rail(rail: f64) -> Self {
+        let aim = [-420.0, 200.0, 0.0];
+        Self { turned_deg: [4.0, 9.0, 1.5], aim, distance: 900.0 + rail, corner: None }
+    }
+
+    fn module(&self) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let rotation = from_omega_phi_kappa(self.turned_deg.map(f64::to_radians));
+        (Vector3::from(self.aim) - rotation * Vector3::z() * self.distance, rotation)
+    }
+
+    fn dot(&self, position: &Vector3<f64>, direction: &Vector3<f64>) -> Vector3<f64> {
+        let onto_first = position - direction * (position.z / direction.z);
+        let Some((edge, bend_deg)) = self.corner else { return onto_first };
+        if onto_first.x >= edge && direction.z < 0.0 {
+            return onto_first;
+        }
+        let bend = bend_deg.to_radians();
+        let normal = Vector3::new(bend.sin(), 0.0, bend.cos());
+        let from_edge = Vector3::new(edge, 0.0, 0.0) - position;
+        position + direction * (from_edge.dot(&normal) / direction.dot(&normal))
+    }
+}
+
+/// Names and places of cameras.
+pub type Cameras<'a> = &'a [(&'a str, [f64; 3])];
+
+/// Three cameras as on the default rig.
+pub const THREE: [(&str, [f64; 3]); 3] = [
+    ("cam_a", [-1500.0, 700.0, 1900.0]),
+    ("cam_b", [900.0, 600.0, 1900.0]),
+    ("cam_c", [-300.0, -650.0, 2100.0]),
+];
 
 /// A scene with its true values beside what the solver is told.
 pub struct Laboratory {
@@ -49,7 +124,7 @@ fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
     Station { centre, rotation: Rotation3::from_matrix_unchecked(frame) }
 }
 
-fn setup() -> Setup {
+fn setup(cameras: Cameras<'_>) -> Setup {
     let model = Camera {
         width: 3456,
         height: 2592,
@@ -77,7 +152,7 @@ fn setup() -> Setup {
     ];
     let target = |(code, xyz_mm)| ArtefactTarget { code, xyz_mm, u_mm: 0.01, radius_mm: 6.0 };
     Setup {
-        cameras: ["cam_a", "cam_b", "cam_c"].map(|n| (n.to_owned(), camera)).into(),
+        cameras: cameras.iter().map(|(name, _)| ((*name).to_owned(), camera)).collect(),
         pattern: Pattern {
             columns: 11,
             rows: 11,
@@ -100,17 +175,22 @@ fn setup() -> Setup {
 impl Laboratory {
     /// All as declared, without noise.
     pub fn exact() -> Self {
-        Self::new(0, 0.0, setup())
+        Self::new(0, 0.0, &THREE, setup(&THREE))
     }
 
     /// Every declared error drawn.
     pub fn drawn(seed: u64) -> Self {
-        Self::new(seed, 1.0, setup())
+        Self::new(seed, 1.0, &THREE, setup(&THREE))
+    }
+
+    /// Every declared error drawn, with cameras of one's own.
+    pub fn drawn_with(seed: u64, cameras: Cameras<'_>) -> Self {
+        Self::new(seed, 1.0, cameras, setup(cameras))
     }
 
     /// The same where only the fan has errors: 0.0013 degrees for each beam, 0.02 % for all.
     pub fn with_errors_of_the_fan(seed: u64) -> Self {
-        let mut setup = setup();
+        let mut setup = setup(&THREE);
         setup.pattern.u.common_relative = 2e-4;
         setup.wavelength_u_nm = 0.0;
         setup.artefact.scale_relative_u = 0.0;
@@ -118,19 +198,15 @@ impl Laboratory {
         for camera in setup.cameras.values_mut() {
             camera.sigma = InteriorSigma { focal_px: 0.0, principal_point_px: [0.0; 2] };
         }
-        Self::new(seed, 1.0, setup)
+        Self::new(seed, 1.0, &THREE, setup)
     }
 
-    fn new(seed: u64, noise: f64, setup: Setup) -> Self {
+    fn new(seed: u64, noise: f64, views: Cameras<'_>, setup: Setup) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut draw = |sigma: f64| noise * sigma * normal(&mut rng);
-        let views = [
-            ("cam_a", [-1500.0, 700.0, 1900.0]),
-            ("cam_b", [900.0, 600.0, 1900.0]),
-            ("cam_c", [-300.0, -650.0, 2100.0]),
-        ];
         let cameras = views
-            .map(|(name, centre)| {
+            .iter()
+            .map(|&(name, centre)| {
                 let calibrated = setup.cameras[name];
                 let s = calibrated.sigma;
                 let focal = draw(s.focal_px);
@@ -143,7 +219,7 @@ impl Laboratory {
                 };
                 (name.to_owned(), (look_at(centre, [-330.0, 200.0, 0.0]), camera))
             })
-            .into();
+            .collect();
         let artefact_scale = 1.0 + draw(setup.artefact.scale_relative_u);
         let mut targets: Vec<_> = setup
             .artefact
@@ -194,7 +270,7 @@ impl Laboratory {
 
     /// One capture with the module `rail` mm along its way back from the wall.
     pub fn capture(&self, seed: u64, rail: f64) -> (BTreeMap<String, Sighting>, Truth) {
-        self.capture_turned(seed, rail, 0.0)
+        self.shot(seed, &Shot::on_rail(rail))
     }
 
     /// The same with the module turned about the vertical, degrees.
@@ -204,19 +280,33 @@ impl Laboratory {
         rail: f64,
         turn_deg: f64,
     ) -> (BTreeMap<String, Sighting>, Truth) {
+        let shot = Shot::on_rail(rail);
+        let (position, rotation) = shot.module();
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn_deg.to_radians());
+        self.seen(seed, &shot, position, turn * rotation)
+    }
+
+    /// One capture of the module anywhere.
+    pub fn shot(&self, seed: u64, shot: &Shot) -> (BTreeMap<String, Sighting>, Truth) {
+        let (position, rotation) = shot.module();
+        self.seen(seed, shot, position, rotation)
+    }
+
+    fn seen(
+        &self,
+        seed: u64,
+        shot: &Shot,
+        position: Vector3<f64>,
+        rotation: UnitQuaternion<f64>,
+    ) -> (BTreeMap<String, Sighting>, Truth) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x9e37_79b9);
-        let rotation = from_omega_phi_kappa([4.0_f64, 9.0, 1.5].map(f64::to_radians));
-        let forward = rotation * Vector3::z();
-        let position = Vector3::new(-420.0, 200.0, 0.0) - forward * (900.0 + rail);
-        let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), turn_deg.to_radians());
-        let rotation = UnitQuaternion::from_rotation_matrix(&turn) * rotation;
         let dots: Vec<(Order, Vector3<f64>)> = self
             .beams
             .iter()
             .map(|(order, cosines)| {
                 let c = cosines * (1.0 + self.scale);
                 let d = rotation * Vector3::new(c.x, c.y, (1.0 - c.norm_squared()).sqrt());
-                (*order, position - d * (position.z / d.z))
+                (*order, shot.dot(&position, &d))
             })
             .collect();
         let sightings = self
@@ -240,12 +330,15 @@ impl Laboratory {
             at: at + Vector2::new(normal(rng), normal(rng)) * (sigma * self.noise),
             covariance: Matrix2::identity() * (sigma * sigma),
         };
+        let inside = |at: &Vector2<f64>| {
+            at.min() > 0.0 && at.x < camera.width as f64 && at.y < camera.height as f64
+        };
         let dots = dots
             .iter()
-            .map(|(order, place)| {
-                let at = camera.project(&station.station_point(place)).unwrap();
+            .filter_map(|(order, place)| {
+                let at = camera.project(&station.station_point(place)).filter(inside)?;
                 let amplitude = if (order.m, order.n) == (0, 0) { 300.0 } else { 110.0 };
-                Dot { point: point(at, DOT_SIGMA), amplitude, ..some_dot() }
+                Some(Dot { point: point(at, DOT_SIGMA), amplitude, ..some_dot() })
             })
             .collect();
         let targets = self
