@@ -173,6 +173,8 @@ fn limits(accept: &Accept, methods: &[Method]) -> Limits {
 pub fn method_of(method: beampose_plan::Method) -> Method {
     match method {
         beampose_plan::Method::InterBeamAngles => Method::InterBeamAngles,
+        beampose_plan::Method::InterBeamAnglesGls => Method::InterBeamAnglesGls,
+        beampose_plan::Method::RayFit => Method::RayFit,
         beampose_plan::Method::VirtualCamera => Method::VirtualCamera,
         beampose_plan::Method::SessionAdjustment => Method::SessionAdjustment,
     }

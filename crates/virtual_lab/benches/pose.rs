@@ -75,13 +75,8 @@ fn detect_one_picture_in_memory(bencher: divan::Bencher) {
 fn three_files_to_pose(bencher: divan::Bencher) {
     let (setup, files) = capture();
     bencher.bench(|| {
-        let solution = solve_capture(
-            &setup,
-            &sightings(&files),
-            Some(658.0),
-            &Method::OF_A_CAPTURE,
-            &mut || (),
-        );
+        let solution =
+            solve_capture(&setup, &sightings(&files), Some(658.0), &Method::USUAL, &mut || ());
         assert!(solution.results.iter().all(|r| r.pose.is_ok()));
         solution
     });
@@ -91,7 +86,5 @@ fn three_files_to_pose(bencher: divan::Bencher) {
 fn solve_from_sightings(bencher: divan::Bencher) {
     let (setup, files) = capture();
     let sightings = sightings(&files);
-    bencher.bench(|| {
-        solve_capture(&setup, &sightings, Some(658.0), &Method::OF_A_CAPTURE, &mut || ())
-    });
+    bencher.bench(|| solve_capture(&setup, &sightings, Some(658.0), &Method::USUAL, &mut || ()));
 }

@@ -21,6 +21,8 @@ const BESIDE: f64 = 7.0;
 pub fn look(method: Method) -> (&'static str, Shape) {
     match method {
         Method::InterBeamAngles => ("s0", Shape::Circle),
+        Method::InterBeamAnglesGls => ("s4", Shape::Square),
+        Method::RayFit => ("s5", Shape::Circle),
         Method::VirtualCamera => ("s1", Shape::Square),
         Method::SessionAdjustment => ("s2", Shape::Circle),
     }
@@ -30,6 +32,8 @@ pub fn look(method: Method) -> (&'static str, Shape) {
 pub fn title(method: Method) -> &'static str {
     match method {
         Method::InterBeamAngles => "inter-beam angles",
+        Method::InterBeamAnglesGls => "weighted inter-beam angles",
+        Method::RayFit => "ray fit",
         Method::VirtualCamera => "virtual camera",
         Method::SessionAdjustment => "session adjustment",
     }

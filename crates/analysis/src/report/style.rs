@@ -69,10 +69,10 @@ ul.legend svg { display: inline-block; }
 .axis line { stroke: var(--ink); stroke-width: 1; }
 .ticks text { fill: var(--muted); font-size: 12px; }
 .names text { fill: var(--ink); font-size: 12.5px; }
-.s0 { color: var(--m0); } .s1 { color: var(--m1); } .s2 { color: var(--third); } .s3 { color: var(--muted); }
-.s0 :is(circle, rect), .s1 :is(circle, rect), .s2 :is(circle, rect), .s3 :is(circle, rect) { fill: currentColor; }
+.s0 { color: var(--m0); } .s1 { color: var(--m1); } .s2 { color: var(--third); } .s3 { color: var(--muted); } .s4 { color: var(--m0); } .s5 { color: var(--m1); }
+.s0 :is(circle, rect), .s1 :is(circle, rect), .s2 :is(circle, rect), .s3 :is(circle, rect), .s4 :is(circle, rect), .s5 :is(circle, rect) { fill: currentColor; }
 .faint { opacity: .42; }
-:is(.s0, .s1, .s2, .s3) circle.ring { fill: none; stroke: currentColor; stroke-width: 1.3; }
+:is(.s0, .s1, .s2, .s3, .s4, .s5) circle.ring { fill: none; stroke: currentColor; stroke-width: 1.3; }
 .bars path { fill: none; stroke: currentColor; stroke-width: 1.4; }
 .line polyline { fill: none; stroke: currentColor; stroke-width: 1.4; stroke-linejoin: round; }
 .fit polyline, .fit line { fill: none; stroke: currentColor; stroke-width: 1.1; stroke-dasharray: 6 3; opacity: .85; }

@@ -189,7 +189,7 @@ fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCaptu
 fn poses(capture: &ReportCapture) -> BTreeMap<Method, Result<Pose, String>> {
     match &capture.solution {
         Ok(solution) => solution.results.iter().map(|r| (r.method, r.pose.clone())).collect(),
-        Err(reason) => Method::OF_A_CAPTURE.map(|m| (m, Err(reason.clone()))).into(),
+        Err(reason) => Method::USUAL.map(|m| (m, Err(reason.clone()))).into(),
     }
 }
 
@@ -208,7 +208,7 @@ pub fn analysed(captures: &[ReportCapture]) -> beampose_analysis::TranslationRes
         stated_scale: StatedScale::Separate,
         rule: DistanceRule::AlongTravel,
         limits: Limits {
-            max_abs_difference: Method::OF_A_CAPTURE.map(|m| (m, Millimetre(0.5))).into(),
+            max_abs_difference: Method::USUAL.map(|m| (m, Millimetre(0.5))).into(),
             min_solved_fraction: Some(0.95),
             ..Limits::default()
         },
@@ -271,7 +271,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         experiment: "translation".to_owned(),
         verdict: Verdict::Inconclusive,
         reasons: vec!["no captures".to_owned()],
-        methods: Method::OF_A_CAPTURE.to_vec(),
+        methods: Method::USUAL.to_vec(),
         captures,
         translation: None,
         scores: BTreeMap::new(),

@@ -42,7 +42,7 @@ impl Score {
             let truth: TruePose = serde_json::from_str(json)?;
             let poses = match &capture.solution {
                 Ok(s) => s.results.iter().map(|r| (r.method, r.pose.clone())).collect(),
-                Err(reason) => Method::OF_A_CAPTURE.map(|m| (m, Err(reason.clone()))).into(),
+                Err(reason) => Method::USUAL.map(|m| (m, Err(reason.clone()))).into(),
             };
             let truth =
                 Truth { position_mm: truth.position_mm, quaternion_wxyz: truth.quaternion_wxyz };

@@ -35,14 +35,11 @@ impl Solve {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
-        let methods = if self.methods.is_empty() {
-            Method::OF_A_CAPTURE.to_vec()
-        } else {
-            self.methods.clone()
-        };
+        let methods =
+            if self.methods.is_empty() { Method::USUAL.to_vec() } else { self.methods.clone() };
         let together = methods.contains(&Method::SessionAdjustment);
         // The adjustment of the session starts from the captures' own.
-        let first = if together { &Method::OF_A_CAPTURE[..] } else { &methods };
+        let first = if together { &Method::USUAL[..] } else { &methods };
         let mut solved = solve_session(&store, id, first, !self.json).await?;
         if together {
             solved = adjust_session(&store, id).await?;

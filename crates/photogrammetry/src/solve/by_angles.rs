@@ -1,7 +1,7 @@
-//! The method `inter-beam-angles`: position by least squares on the angles between neighbouring
-//! beams (eq. 3.4, unit weights), then the rotation that best turns the fan onto the dots; the
-//! covariance by propagation from dots, beams and the fan's common scale. The same dots serve every
-//! other estimator of `pose::locate`.
+//! The methods that find the module from dots in space: `inter-beam-angles` (position by least
+//! squares on the angles between neighbouring beams, eq. 3.4, unit weights, then the rotation that
+//! best turns the fan onto the dots), the same with the full covariance of the angles, and the ray
+//! fit. The covariance by propagation from dots, beams and the fan's common scale.
 
 use beampose_core::Pose;
 use nalgebra::{DMatrix, Vector3};
@@ -31,10 +31,11 @@ pub(super) fn solve(
     dots: &Dots<'_>,
     scale: (f64, f64),
     start: Vector3<f64>,
+    estimator: Estimator,
 ) -> Result<ByAngles, String> {
     let fan = Fan { pattern, scale: scale.0, scale_sigma: scale.1 };
     let field = field(dots).ok_or("the cameras' covariance is not determined")?;
-    let found = locate(&fan, &field, Estimator::Angles, start).map_err(|e| e.to_string())?;
+    let found = locate(&fan, &field, estimator, start).map_err(|e| e.to_string())?;
     Ok(ByAngles { pose: pose(&found.station, &found.covariance), sigma0: found.sigma0 })
 }
 

@@ -18,7 +18,7 @@ use crate::adjust::{
 use crate::detect::{Dot, Target};
 use crate::identify::{Labelled, View, choose_turn, label_views};
 use crate::pattern::Order;
-use crate::pose::Station;
+use crate::pose::{Estimator, Station};
 use crate::scene::Setup;
 
 /// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
@@ -132,7 +132,7 @@ fn located(
         results.push(match (method, &virtual_camera) {
             (Method::VirtualCamera, Some(Ok((result, _, _)))) => result.clone(),
             (Method::VirtualCamera, Some(Err(reason))) => unsolved(setup, *method, scale.0, reason),
-            _ => by_inter_beam_angles(setup, &scene, &summary, scale, module.centre),
+            _ => from_dots(setup, &scene, &summary, scale, (*method, module.centre)),
         });
     }
     for result in &mut results {
@@ -235,20 +235,27 @@ fn remove_outliers(scene: &mut Scene, summary: &mut Summary) -> Vec<LeftOut> {
     out
 }
 
-fn by_inter_beam_angles(
+/// The module from the dots in space, by one of the methods that need no more, and a start.
+fn from_dots(
     setup: &Setup,
     scene: &Scene,
     summary: &Summary,
     scale: (f64, f64),
-    start: Vector3<f64>,
+    (method, start): (Method, Vector3<f64>),
 ) -> MethodResult {
-    let method = Method::InterBeamAngles;
+    let estimator = match method {
+        Method::InterBeamAnglesGls => Estimator::AnglesGeneralised,
+        Method::RayFit => Estimator::Rays,
+        Method::InterBeamAngles | Method::VirtualCamera | Method::SessionAdjustment => {
+            Estimator::Angles
+        }
+    };
     let (points, orders, places) = dots_of(scene, summary);
     let cofactors: Vec<_> =
         points.iter().filter_map(|p| summary.covariance.point_cofactor(*p)).collect();
     let cofactors = cofactors.iter().collect();
     let dots = Dots { orders, places, cofactors, covariance: &summary.covariance };
-    match by_angles::solve(&setup.pattern, &dots, scale, start) {
+    match by_angles::solve(&setup.pattern, &dots, scale, start, estimator) {
         Ok(found) => MethodResult {
             method,
             pose: Ok(found.pose),

@@ -151,7 +151,8 @@ impl<'a> Builder<'a> {
             let result = solution.results.iter().find(|r| r.method == method)?;
             result.pose.as_ref().ok()
         };
-        let start = of(Method::VirtualCamera).or_else(|| of(Method::InterBeamAngles))?;
+        let start = of(Method::VirtualCamera)
+            .or_else(|| Method::OF_A_CAPTURE.iter().find_map(|method| of(*method)))?;
         let module = self.problem.modules.len();
         let pattern = &self.setup.pattern;
         // The reading's error is common to the session: it is the shared fan's.

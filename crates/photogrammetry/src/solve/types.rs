@@ -13,6 +13,10 @@ use crate::pattern::Order;
 pub enum Method {
     /// The dissertation's least squares on the angles between neighbouring beams (eq. 3.4).
     InterBeamAngles,
+    /// The same angles weighted by their full covariance.
+    InterBeamAnglesGls,
+    /// Six unknowns from the distances of the dots in space from their beams, weighted.
+    RayFit,
     /// The module as a camera inside the bundle adjustment (chapter 5).
     VirtualCamera,
     /// All captures of the session in one adjustment.
@@ -21,17 +25,28 @@ pub enum Method {
 
 impl Method {
     /// Every method, in the order in which reports show them.
-    pub const ALL: [Self; 3] =
-        [Self::InterBeamAngles, Self::VirtualCamera, Self::SessionAdjustment];
+    pub const ALL: [Self; 5] = [
+        Self::InterBeamAngles,
+        Self::InterBeamAnglesGls,
+        Self::RayFit,
+        Self::VirtualCamera,
+        Self::SessionAdjustment,
+    ];
 
     /// The methods that need no other capture: those of live solving.
-    pub const OF_A_CAPTURE: [Self; 2] = [Self::InterBeamAngles, Self::VirtualCamera];
+    pub const OF_A_CAPTURE: [Self; 4] =
+        [Self::InterBeamAngles, Self::InterBeamAnglesGls, Self::RayFit, Self::VirtualCamera];
+
+    /// What is solved where nobody says with what: the dissertation's two.
+    pub const USUAL: [Self; 2] = [Self::InterBeamAngles, Self::VirtualCamera];
 
     /// The name in files and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::InterBeamAngles => "inter-beam-angles",
+            Self::InterBeamAnglesGls => "inter-beam-angles-gls",
+            Self::RayFit => "ray-fit",
             Self::VirtualCamera => "virtual-camera",
             Self::SessionAdjustment => "session-adjustment",
         }

@@ -13,7 +13,7 @@ fn solve(
     sightings: &BTreeMap<String, Sighting>,
     wavelength_nm: Option<f64>,
 ) -> CaptureSolution {
-    let methods = &Method::OF_A_CAPTURE;
+    let methods = &Method::USUAL;
     solve_capture(&laboratory.setup, sightings, wavelength_nm, methods, &mut || ())
 }
 
@@ -54,7 +54,7 @@ fn the_stated_covariance_is_true() {
             *sum += nees(result.pose.as_ref().unwrap(), truth.position);
         }
     }
-    for (sum, method) in sums.iter().zip(Method::OF_A_CAPTURE) {
+    for (sum, method) in sums.iter().zip(Method::USUAL) {
         let mean = sum / draws as f64;
         let bound = 4.0 * (6.0 / draws as f64).sqrt();
         println!("{}: mean NEES {mean:.3}", method.name());

@@ -91,7 +91,7 @@ fn outcome(case: Case, seed: u64) -> Outcome {
     let (mut sightings, truth) = laboratory.shot(seed, &shot);
     damage(&mut sightings, case.hidden, seed);
     let read = Some(laboratory.read_nm());
-    let methods = &Method::OF_A_CAPTURE;
+    let methods = &Method::USUAL;
     let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
     let poses: Result<Vec<f64>, String> =
         solution.results.iter().map(|r| Ok(truth.normalised(&r.pose.clone()?).0)).collect();
@@ -173,7 +173,7 @@ fn a_hidden_rim_straight_before_the_wall_is_decided_by_the_zero_order_alone() {
         });
     }
     let read = Some(laboratory.read_nm());
-    let methods = &Method::OF_A_CAPTURE;
+    let methods = &Method::USUAL;
     let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
     for result in &solution.results {
         // 99.99 % of a chi squared of six.

@@ -12,7 +12,7 @@ const SIX: f64 = 12.592;
 const THREE: f64 = 7.815;
 
 /// Which ellipsoids of a pose hold the truth: per method of six unknowns and of the position.
-fn held(seed: u64) -> [[bool; 2]; 2] {
+fn held(seed: u64) -> [[bool; 2]; 4] {
     let laboratory = Laboratory::drawn(seed);
     let mut rng = ChaCha8Rng::seed_from_u64(!seed);
     let mut between = |low: f64, high: f64| rng.random_range(low..high);
@@ -32,7 +32,7 @@ fn held(seed: u64) -> [[bool; 2]; 2] {
     let read = Some(laboratory.read_nm());
     let methods = &Method::OF_A_CAPTURE;
     let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
-    [0, 1].map(|method| {
+    [0, 1, 2, 3].map(|method| {
         let (six, three) = truth.normalised(solution.results[method].pose.as_ref().unwrap());
         [six < SIX, three < THREE]
     })

@@ -176,6 +176,10 @@ words! {
     pub enum Method ("a method") {
         /// From the angles between beams, each capture alone.
         "inter-beam-angles" => InterBeamAngles,
+        /// The same angles, weighted by their full covariance.
+        "inter-beam-angles-gls" => InterBeamAnglesGls,
+        /// From the distances of the dots from their beams, each capture alone.
+        "ray-fit" => RayFit,
         /// The module as one more camera of a bundle adjustment, each capture alone.
         "virtual-camera" => VirtualCamera,
         /// All captures of the session in one adjustment, when the last is taken.
@@ -216,6 +220,10 @@ record! {
         virtual_camera as "virtual-camera": Option<At<Limits>>,
         /// For the inter-beam angles.
         inter_beam_angles as "inter-beam-angles": Option<At<Limits>>,
+        /// For the weighted inter-beam angles.
+        inter_beam_angles_gls as "inter-beam-angles-gls": Option<At<Limits>>,
+        /// For the ray fit.
+        ray_fit as "ray-fit": Option<At<Limits>>,
         /// For the adjustment of the whole session.
         session_adjustment as "session-adjustment": Option<At<Limits>>,
         /// The least fraction of captures that must be solved, by each method.

@@ -262,6 +262,8 @@ fn accept_limits(file: &AcceptFile, methods: &[Method], reader: &mut Reader) -> 
     let by_method = [
         (Method::VirtualCamera, &file.virtual_camera),
         (Method::InterBeamAngles, &file.inter_beam_angles),
+        (Method::InterBeamAnglesGls, &file.inter_beam_angles_gls),
+        (Method::RayFit, &file.ray_fit),
         (Method::SessionAdjustment, &file.session_adjustment),
     ];
     let mut accept = Accept { min_solved_fraction: file.min_solved_fraction, ..Accept::default() };
