@@ -5,7 +5,7 @@
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use beampose_core::clock::BoxFuture;
 use sqlx::migrate::{Migrate, MigrateError, Migrator};
@@ -64,11 +64,25 @@ impl Store {
             .clone()
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full);
-        let writer = pool(1).connect_with(writing).await.map_err(|error| cannot(path, &error))?;
+        let writer = in_turn(path, writing).await?;
         let reading = options.create_if_missing(false).read_only(true);
         let readers =
             pool(READERS).connect_with(reading).await.map_err(|error| cannot(path, &error))?;
         Ok(Self { path: path.to_owned(), writer, readers })
+    }
+}
+
+/// The writing connection. Going over to the write-ahead log does not wait for another program that
+/// does the same, as every other statement would: it is busy at once.
+async fn in_turn(path: &Path, options: SqliteConnectOptions) -> Result<SqlitePool, StoreError> {
+    let end = Instant::now() + BUSY_TIMEOUT;
+    loop {
+        match pool(1).connect_with(options.clone()).await.map_err(|error| cannot(path, &error)) {
+            Err(StoreError::Busy { .. }) if Instant::now() < end => {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+            other => return other,
+        }
     }
 }
 
