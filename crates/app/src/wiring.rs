@@ -8,11 +8,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
-use beampose_core::{Clock, InstrumentName, Stamp, VirtualClock};
-use beampose_engine::{Bench, RealClock};
+use beampose_core::{Clock, InstrumentName, Quantity, Stamp, VirtualClock};
+use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
-use beampose_plan::{ClockKind, Instrument, Rig};
+use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
     BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, Polarity, RailConfig,
     RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
@@ -20,9 +20,11 @@ use beampose_virtual_lab::config::{
 };
 use beampose_virtual_lab::{
     ErrorDraw, History, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
-    SimulatedThermometer, SimulatedWavemeter, World, WorldConfig,
+    SimulatedThermometer, SimulatedWavemeter, StageHistory, World, WorldConfig,
 };
 use jiff::SignedDuration;
+
+use crate::input::Checked;
 
 /// The clock of a run.
 #[derive(Clone)]
@@ -98,6 +100,63 @@ pub struct Before {
     pub history: History,
 }
 
+/// What the simulated world lived through, as far as steps are done: moves, readings, and
+/// `pictures` (the camera of each). A move that is repeated counts as not yet made: it then ends
+/// where it ended.
+pub fn history<'a>(
+    checked: &Checked,
+    earlier: &Earlier,
+    restored: &[Step],
+    pictures: impl Iterator<Item = &'a str>,
+) -> History {
+    let mut history = History::default();
+    for step in checked.summary.steps.iter().filter(|s| earlier.done.contains(&s.number)) {
+        if let Action::Move { axis, target, .. } = &step.action
+            && let Some(stage) = stage_of(&mut history, checked, axis)
+        {
+            stage.moves += 1;
+            stage.target = Some(*target);
+        }
+        for (name, reading) in earlier.readings.get(&step.number).into_iter().flatten() {
+            match reading.quantity {
+                Quantity::Wavelength => history.wavelength_reads += 1,
+                Quantity::Temperature => history.temperature_reads += 1,
+                _ => {
+                    if let Some(stage) = stage_of(&mut history, checked, name) {
+                        stage.reads += 1;
+                    }
+                }
+            }
+        }
+    }
+    for step in restored {
+        if let Action::Move { axis, .. } = &step.action
+            && let Some(stage) = stage_of(&mut history, checked, axis)
+        {
+            stage.moves = stage.moves.saturating_sub(1);
+            stage.reads = stage.reads.saturating_sub(1);
+        }
+    }
+    for camera in pictures {
+        *history.triggers.entry(camera.to_owned()).or_default() += 1;
+    }
+    history
+}
+
+/// The history of the stage that this axis is in the simulated world.
+fn stage_of<'a>(
+    history: &'a mut History,
+    checked: &Checked,
+    axis: &InstrumentName,
+) -> Option<&'a mut StageHistory> {
+    let module = &checked.rig.simulation.as_ref()?.module;
+    if module.axis.value == *axis {
+        return Some(&mut history.rail);
+    }
+    let turntable = module.turntable.as_ref()?;
+    (turntable.axis.value == *axis).then_some(&mut history.rotation)
+}
+
 /// Builds the instruments of `rig`. `setup` holds the calibrations at full picture size.
 ///
 /// # Errors
@@ -146,7 +205,6 @@ fn add_simulated(
     world: &Arc<World>,
     clock: &Arc<dyn Clock>,
 ) -> Result<(), String> {
-    use beampose_core::Quantity;
     let (world, clock, name) = (world.clone(), clock.clone(), name.clone());
     let in_words = |error: beampose_virtual_lab::WorldError| error.to_string();
     match instrument {
@@ -224,7 +282,7 @@ const NOISE_PART: f64 = 0.3;
 
 fn thermometer_u(rig: &Rig) -> f64 {
     rig.sensors()
-        .filter(|(_, s)| s.reads == beampose_core::Quantity::Temperature)
+        .filter(|(_, s)| s.reads == Quantity::Temperature)
         .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
         .unwrap_or_default()
 }

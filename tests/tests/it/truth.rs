@@ -20,10 +20,14 @@ const AT_HOME: &[&str] = &[
 const LINES: &[(&str, &str)] = &[
     ("crates/store/src/lib.rs", "pub mod truth;"),
     ("crates/analysis/src/lib.rs", "pub use score::{MethodScore, ScoredCapture, Truth, score};"),
-    ("crates/app/src/main.rs", "mod truth;"),
-    ("crates/app/src/cli/run.rs", "use crate::truth;"),
     (
-        "crates/app/src/cli/run.rs",
+        "crates/store/src/gaps.rs",
+        "crate::truth::forget_capture(transaction, session, &capture).await?;",
+    ),
+    ("crates/app/src/main.rs", "mod truth;"),
+    ("crates/app/src/conduct.rs", "use crate::truth;"),
+    (
+        "crates/app/src/conduct.rs",
         "tokio::spawn(async move { truth::record(&store, session, &world, to_note).await })",
     ),
 ];
@@ -31,7 +35,7 @@ const LINES: &[(&str, &str)] = &[
 /// The files of the app that may hold the simulated world, and what they may ask of it: nothing
 /// that was drawn.
 const HOLDS_THE_WORLD: &[&str] =
-    &["crates/app/src/wiring.rs", "crates/app/src/truth.rs", "crates/app/src/cli/run.rs"];
+    &["crates/app/src/wiring.rs", "crates/app/src/truth.rs", "crates/app/src/conduct.rs"];
 const MAY_ASK: &[&str] = &["calibrations", "clone", "as_ref", "ok_or_else"];
 
 /// `truth`, `truths`, `truth_at`, `TruePose`, `true_parameters` and their like.
@@ -133,10 +137,10 @@ fn a_reader_of_the_truth_is_found_wherever_it_is_planted() {
         ("crates/app/src/session_report.rs", "use crate::truth::*;"),
         ("crates/app/src/cli/solve.rs", "let world = laboratory.world.clone();"),
         (
-            "crates/app/src/cli/run.rs",
+            "crates/app/src/conduct.rs",
             "let pose = laboratory.world.as_ref().map(|w| w.truth_at(t));",
         ),
-        ("crates/app/src/cli/run.rs", "let dots = world.dots(&state);"),
+        ("crates/app/src/conduct.rs", "let dots = world.dots(&state);"),
         ("crates/app/src/wiring.rs", "let setup = world\n    .true_parameters();"),
         ("crates/store/src/sessions.rs", "let sql = \"SELECT * FROM simulation_truth\";"),
         ("crates/store/src/lib.rs", "pub use truth::captures as hidden;"),

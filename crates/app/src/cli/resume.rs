@@ -5,9 +5,8 @@ use std::path::PathBuf;
 
 use beampose_core::{Gap, SessionOutcome, Stamp, StepNumber, StepOutcome};
 use beampose_engine::{Earlier, restoration};
-use beampose_plan::{Action, Section, Step};
+use beampose_plan::{Section, Step};
 use beampose_store::{Store, StoredSession, StoredStep};
-use beampose_virtual_lab::{History, StageHistory};
 
 use super::{Database, Ended, close, find};
 use crate::calibration;
@@ -161,12 +160,12 @@ async fn prepare(
     let captures: Vec<_> =
         captures.into_iter().filter(|c| earlier.done.contains(&c.step)).collect();
     let restored = restoration(&checked.summary.steps, &earlier.done);
-    let mut history = history(&checked, &earlier, &restored);
-    for picture in captures.iter().flat_map(|c| &c.pictures) {
-        *history.triggers.entry(picture.camera.as_str().to_owned()).or_default() += 1;
-    }
     let stopped = last_known(&stored, &steps);
-    let before = Before { times: Some((stored.header.opened, stopped)), history };
+    let pictures = captures.iter().flat_map(|c| &c.pictures).map(|p| p.camera.as_str());
+    let before = Before {
+        times: Some((stored.header.opened, stopped)),
+        history: wiring::history(&checked, &earlier, &restored, pictures),
+    };
     let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
     let laboratory = wiring::laboratory(&checked.rig, setup, &before).map_err(Ended::input)?;
     let gap = Gap {
@@ -185,48 +184,6 @@ async fn prepare(
 fn last_known(stored: &StoredSession, steps: &[StoredStep]) -> Stamp {
     let finished = steps.iter().map(|step| step.finished).chain(stored.closed);
     finished.max_by_key(|stamp| stamp.monotonic).unwrap_or(stored.header.opened)
-}
-
-/// What the simulated world lived through, as far as steps are done. A move that is repeated counts
-/// as not yet made: it then ends where it ended.
-fn history(checked: &Checked, earlier: &Earlier, restored: &[Step]) -> History {
-    let mut history = History::default();
-    let simulation = checked.rig.simulation.as_ref();
-    let rail = simulation.map(|s| s.module.axis.value.as_str().to_owned());
-    let turntable = simulation
-        .and_then(|s| s.module.turntable.as_ref())
-        .map(|turntable| turntable.axis.value.as_str().to_owned());
-    let stage = |history: &mut History, axis: &str, change: &dyn Fn(&mut StageHistory)| {
-        if Some(axis) == rail.as_deref() {
-            change(&mut history.rail);
-        } else if Some(axis) == turntable.as_deref() {
-            change(&mut history.rotation);
-        }
-    };
-    for step in checked.summary.steps.iter().filter(|s| earlier.done.contains(&s.number)) {
-        if let Action::Move { axis, target, .. } = &step.action {
-            stage(&mut history, axis.as_str(), &|stage| {
-                stage.moves += 1;
-                stage.target = Some(*target);
-            });
-        }
-        for (name, reading) in earlier.readings.get(&step.number).into_iter().flatten() {
-            match reading.quantity {
-                beampose_core::Quantity::Wavelength => history.wavelength_reads += 1,
-                beampose_core::Quantity::Temperature => history.temperature_reads += 1,
-                _ => stage(&mut history, name.as_str(), &|stage| stage.reads += 1),
-            }
-        }
-    }
-    for step in restored {
-        if let Action::Move { axis, .. } = &step.action {
-            stage(&mut history, axis.as_str(), &|stage| {
-                stage.moves = stage.moves.saturating_sub(1);
-                stage.reads = stage.reads.saturating_sub(1);
-            });
-        }
-    }
-    history
 }
 
 /// Says what comes before anything moves.
