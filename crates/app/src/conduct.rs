@@ -14,11 +14,13 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use crate::cli::report::exit_of;
 use crate::cli::sessions::plain_table;
+use crate::cli::solve::solve_session;
 use crate::cli::{Ended, close};
 use crate::input::Checked;
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, adjust_session};
 use crate::progress::Progress;
+use crate::session_lock::SessionLock;
 use crate::session_report::{input, load, method_of, prepare, write};
 use crate::truth;
 use crate::wiring::Laboratory;
@@ -66,11 +68,16 @@ impl Shown {
 }
 
 impl Session {
-    /// Runs it to its end; the exit code is that of its verdict.
+    /// Runs it to its end; the exit code is that of its verdict. The lock is held all the while.
     ///
     /// # Errors
     /// When an instrument, the store or the program fails.
-    pub async fn conduct(self, store: Arc<Store>, shown: &Shown) -> Result<Exit, Ended> {
+    pub async fn conduct(
+        self,
+        store: Arc<Store>,
+        _lock: SessionLock,
+        shown: &Shown,
+    ) -> Result<Exit, Ended> {
         let folder = shown.folder(self.header.id)?;
         prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let session = self.header.id;
@@ -126,7 +133,11 @@ impl Session {
             // The captures' own results stand.
             complain(&format!("beampose: no session adjustment: {error:#}"));
         }
-        let exit = conclude(&store, &summary, &folder, shown).await?;
+        for failure in &summary.failures {
+            complain(&format!("{}: {}", failure.doing, failure.reason));
+        }
+        let ending = Ending { session, outcome: summary.outcome, captures: summary.captures };
+        let exit = conclude(&store, ending, &folder, shown).await?;
         close(store).await;
         Ok(exit)
     }
@@ -160,17 +171,46 @@ impl Session {
     }
 }
 
+/// Solves, analyses and reports a session whose steps are all done: what is left of it where the
+/// program died after the last.
+///
+/// # Errors
+/// When the store or the program fails.
+pub async fn finish(
+    store: Arc<Store>,
+    (session, _lock): (SessionId, SessionLock),
+    outcome: SessionOutcome,
+    methods: &[Method],
+    shown: &Shown,
+) -> Result<Exit, Ended> {
+    let folder = shown.folder(session)?;
+    prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
+    let solved = solve_session(&store, session, methods, !shown.quiet && !shown.json).await?;
+    if methods.contains(&Method::SessionAdjustment) {
+        adjust_session(&store, session).await?;
+    }
+    let ending = Ending { session, outcome, captures: solved.len() };
+    let exit = conclude(&store, ending, &folder, shown).await?;
+    close(store).await;
+    Ok(exit)
+}
+
+/// How a session ended.
+#[derive(Clone, Copy)]
+struct Ending {
+    session: SessionId,
+    outcome: SessionOutcome,
+    captures: usize,
+}
+
 /// Analysis, report, last words.
 async fn conclude(
     store: &Store,
-    summary: &RunSummary,
+    ending: Ending,
     folder: &std::path::Path,
     shown: &Shown,
 ) -> Result<Exit, Ended> {
-    let id = summary.session;
-    for failure in &summary.failures {
-        complain(&format!("{}: {}", failure.doing, failure.reason));
-    }
+    let id = ending.session;
     let loaded = load(store, id).await?;
     let input = input(store, &loaded).await?;
     let written = write(&input, folder)?;
@@ -187,18 +227,18 @@ async fn conclude(
         print(
             &serde_json::json!({
                 "session": id.to_string(),
-                "outcome": summary.outcome.as_str(),
+                "outcome": ending.outcome.as_str(),
                 "verdict": input.verdict.as_str(),
-                "captures": summary.captures,
+                "captures": ending.captures,
                 "report": written.html.display().to_string(),
             })
             .to_string(),
         );
     } else {
-        print(&last_words(summary, &input));
+        print(&last_words(ending, &input));
         print(&format!("report   {}", written.html.display()));
     }
-    Ok(match summary.outcome {
+    Ok(match ending.outcome {
         SessionOutcome::Completed => exit_of(input.verdict),
         SessionOutcome::Aborted => Exit::Aborted,
         SessionOutcome::Error => Exit::Failed,
@@ -264,9 +304,9 @@ async fn listen(abort: AbortHandle) {
     }
 }
 
-fn last_words(summary: &RunSummary, input: &ReportInput) -> String {
+fn last_words(ending: Ending, input: &ReportInput) -> String {
     let mut lines = vec![
-        format!("session  {} ({})", summary.session, summary.outcome.as_str()),
+        format!("session  {} ({})", ending.session, ending.outcome.as_str()),
         format!("verdict  {}", input.verdict.as_str()),
     ];
     lines.extend(input.reasons.iter().map(|r| format!("         {r}")));

@@ -10,6 +10,7 @@ mod input;
 mod output;
 mod pipeline;
 mod progress;
+mod session_lock;
 mod session_report;
 mod settings;
 mod truth;

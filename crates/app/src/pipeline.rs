@@ -171,6 +171,9 @@ fn read(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<GrayImage, String> 
 /// When the session cannot be adjusted as a whole, or the store fails.
 pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result<Vec<Solved>> {
     let loaded = crate::session_report::load(store, id).await?;
+    let mut methods = loaded.methods();
+    methods.retain(|method| *method != Method::SessionAdjustment);
+    methods.push(Method::SessionAdjustment);
     let (setup, captures) = (Arc::new(loaded.setup), Arc::new(loaded.captures));
     let before = Instant::now();
     let joint = {
@@ -182,7 +185,7 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
         .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?
     };
     let share = before.elapsed().as_secs_f64() / captures.len().max(1) as f64;
-    let pipeline = Pipeline::begin(store.clone(), id, setup.clone(), &Method::ALL).await?;
+    let pipeline = Pipeline::begin(store.clone(), id, setup.clone(), &methods).await?;
     let mut all = Vec::new();
     for (i, (capture, pose)) in captures.iter().zip(joint.poses).enumerate() {
         let Ok(solution) = &capture.solution else { continue };

@@ -107,7 +107,10 @@ async fn set_aside(
                     'requested_utc', p.requested_utc, 'delivered_utc', p.delivered_utc))
                  FROM pictures p WHERE p.session = c.session AND p.capture = c.id))
              FROM captures c WHERE c.session = s.session AND c.step = s.number)
-         FROM steps s WHERE s.session = ? AND s.number = ?",
+         FROM steps s WHERE s.session = ? AND s.number = ?
+            -- What an earlier gap set aside, and nobody has done again since, is set aside.
+            AND NOT EXISTS (SELECT 1 FROM attempts a WHERE a.session = s.session
+                AND a.step = s.number AND a.finished_s = s.finished_s)",
     )
     .bind(gap)
     .bind(session)

@@ -9,7 +9,7 @@ mod resume;
 mod run;
 mod score;
 pub mod sessions;
-mod solve;
+pub mod solve;
 mod targets;
 
 use std::path::PathBuf;

@@ -3,24 +3,28 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use beampose_core::{Gap, SessionOutcome, Stamp, StepNumber, StepOutcome};
+use beampose_core::{Gap, SessionId, SessionOutcome, Stamp, StepNumber, StepOutcome};
 use beampose_engine::{Earlier, restoration};
+use beampose_photogrammetry::solve::Method;
 use beampose_plan::{Section, Step};
 use beampose_store::{Store, StoredSession, StoredStep};
 
 use super::{Database, Ended, close, find};
 use crate::calibration;
-use crate::conduct::{Session, Shown};
+use crate::conduct::{self, Session, Shown};
 use crate::input::{Checked, Origin, checked};
 use crate::output::{Exit, complain};
 use crate::pipeline::SOFTWARE;
+use crate::session_lock::SessionLock;
+use crate::session_report::method_of;
 use crate::wiring::{self, Before};
 
 /// Go on with a session that was stopped or died
 ///
 /// Goes on at the first step that is not done. Before that it says what it re-establishes: stages
 /// back where they were, the laser on again and settled as the plan let it settle. `finally` runs
-/// as after an uninterrupted run. Plan, rig and software must be those of the session; what differs
+/// as after an uninterrupted run. Where all steps are done and only solving or the report is missing,
+/// that is done. Plan, rig, calibrations and software must be those of the session; what differs
 /// is listed, and needs --accept-changes.
 #[derive(clap::Args)]
 pub struct Resume {
@@ -46,22 +50,30 @@ impl Resume {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
+        // Before anything is looked at: what is stored does not change from here on.
+        let lock = SessionLock::take(store.path(), id).map_err(Ended::input)?;
         let stored = store.session(id).await?;
         let steps = store.steps(id).await?;
         let origin = self.origin(&stored)?;
         let checked =
             checked(&origin.plan, Some(&origin.rig), &origin.overrides).map_err(Ended::input)?;
-        let done = done_steps(&checked.summary.steps, &steps);
-        if stored.outcome == Some(SessionOutcome::Completed) {
-            close(store).await;
-            return Err(Ended::input(format!("session {id} is complete: nothing to resume")));
+        if let Some(outcome @ SessionOutcome::Completed) = stored.outcome {
+            let methods: Vec<Method> = checked.plan.methods.iter().map(|m| method_of(*m)).collect();
+            if is_solved(&store, id, &methods).await? {
+                close(store).await;
+                return Err(Ended::input(format!("session {id} is complete: nothing to resume")));
+            }
+            complain(&format!("session {id}: all steps are done; its captures are solved"));
+            return conduct::finish(store, (id, lock), outcome, &methods, &self.shown).await;
         }
-        self.refuse_changes(&stored, &checked, &steps, &done)?;
-        let session = prepare(&store, stored, steps, checked, done).await?;
+        let done = done_steps(&checked.summary.steps, &steps);
+        refuse_other_steps(&checked, &steps, &done)?;
+        let session = prepare(&store, &stored, steps, checked, done).await?;
+        self.refuse_changes(&stored, &session)?;
         if let Some((_, gap)) = &session.earlier {
             tell(&session, gap);
         }
-        session.conduct(store, &self.shown).await
+        session.conduct(store, lock, &self.shown).await
     }
 
     fn origin(&self, stored: &StoredSession) -> Result<Origin, Ended> {
@@ -78,8 +90,7 @@ impl Resume {
             }
             if !path.is_file() {
                 return Err(Ended::input(format!(
-                    "{}: this file of the session is gone\n  help: {option} names another; \
-                     `beampose sessions {id}` shows its text",
+                    "{}: this file of session {id} is gone\n  help: {option} names another",
                     path.display()
                 )));
             }
@@ -87,14 +98,8 @@ impl Resume {
         Ok(origin)
     }
 
-    fn refuse_changes(
-        &self,
-        stored: &StoredSession,
-        checked: &Checked,
-        steps: &[StoredStep],
-        done: &BTreeSet<StepNumber>,
-    ) -> Result<(), Ended> {
-        let header = &stored.header;
+    fn refuse_changes(&self, stored: &StoredSession, session: &Session) -> Result<(), Ended> {
+        let (header, checked) = (&stored.header, &session.checked);
         let mut changes = Vec::new();
         if header.plan_hash != checked.summary.plan_hash {
             changes.push("the plan's steps".to_owned());
@@ -104,22 +109,11 @@ impl Resume {
         if header.rig_text != checked.rig.source.text() {
             changes.push("the rig's text".to_owned());
         }
+        if header.measurement_json != serde_json::to_string(&session.laboratory.setup)? {
+            changes.push("calibrations, pattern or artefact that the rig names".to_owned());
+        }
         if header.software != SOFTWARE {
             changes.push(format!("the program: it was {}, this is {SOFTWARE}", header.software));
-        }
-        let by_number: BTreeMap<StepNumber, &Step> =
-            checked.summary.steps.iter().map(|step| (step.number, step)).collect();
-        for step in steps.iter().filter(|step| done.contains(&step.number)) {
-            let now = by_number.get(&step.number).map(ToString::to_string);
-            if now.as_deref() != Some(step.label.as_str()) {
-                return Err(Ended::input(format!(
-                    "step {} is done as {:?}, the plan now says {:?}: such a session cannot go on\n  \
-                     help: run the changed plan as a session of its own",
-                    step.number,
-                    step.label,
-                    now.unwrap_or_else(|| "nothing".to_owned())
-                )));
-            }
         }
         if changes.is_empty() || self.accept_changes {
             changes.iter().for_each(|change| complain(&format!("changed since: {change}")));
@@ -133,6 +127,42 @@ impl Resume {
     }
 }
 
+/// Refuses a plan in which a step that is done is another.
+fn refuse_other_steps(
+    checked: &Checked,
+    steps: &[StoredStep],
+    done: &BTreeSet<StepNumber>,
+) -> Result<(), Ended> {
+    let by_number: BTreeMap<StepNumber, &Step> =
+        checked.summary.steps.iter().map(|step| (step.number, step)).collect();
+    for step in steps.iter().filter(|step| done.contains(&step.number)) {
+        let now = by_number.get(&step.number).map(ToString::to_string);
+        if now.as_deref() != Some(step.label.as_str()) {
+            return Err(Ended::input(format!(
+                "step {} is done as {:?}, the plan now says {:?}: such a session cannot go on\n  \
+                 help: run the changed plan as a session of its own",
+                step.number,
+                step.label,
+                now.unwrap_or_else(|| "nothing".to_owned())
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Whether every capture has a result, be it a reason, for each of `methods`.
+async fn is_solved(store: &Store, id: SessionId, methods: &[Method]) -> Result<bool, Ended> {
+    let finished = store.processings(id).await?.into_iter().rfind(|p| p.finished.is_some());
+    let Some(processing) = finished else { return Ok(false) };
+    let poses = store.poses(processing.id).await?;
+    let captures = store.captures(id).await?;
+    Ok(captures.iter().all(|capture| {
+        let has =
+            |m: &Method| poses.iter().any(|p| p.capture == capture.id && p.method == m.name());
+        methods.iter().all(has)
+    }))
+}
+
 /// The main steps that are done and stored.
 fn done_steps(steps: &[Step], stored: &[StoredStep]) -> BTreeSet<StepNumber> {
     let main = steps.iter().filter(|step| step.section == Section::Main).map(|step| step.number);
@@ -143,7 +173,7 @@ fn done_steps(steps: &[Step], stored: &[StoredStep]) -> BTreeSet<StepNumber> {
 
 async fn prepare(
     store: &Store,
-    stored: StoredSession,
+    stored: &StoredSession,
     steps: Vec<StoredStep>,
     checked: Checked,
     done: BTreeSet<StepNumber>,
@@ -160,7 +190,7 @@ async fn prepare(
     let captures: Vec<_> =
         captures.into_iter().filter(|c| earlier.done.contains(&c.step)).collect();
     let restored = restoration(&checked.summary.steps, &earlier.done);
-    let stopped = last_known(&stored, &steps);
+    let stopped = last_known(stored, &steps);
     let pictures = captures.iter().flat_map(|c| &c.pictures).map(|p| p.camera.as_str());
     let before = Before {
         times: Some((stored.header.opened, stopped)),
@@ -176,7 +206,7 @@ async fn prepare(
         restored: restored.iter().map(ToString::to_string).collect(),
     };
     let captures = captures.into_iter().map(|capture| capture.id).collect();
-    let header = stored.header;
+    let header = stored.header.clone();
     Ok(Session { checked, laboratory, header, earlier: Some((earlier, gap)), captures })
 }
 

@@ -10,6 +10,7 @@ use crate::conduct::{Session, Shown};
 use crate::input::{Checked, Origin, checked};
 use crate::output::{Exit, complain};
 use crate::pipeline::SOFTWARE;
+use crate::session_lock::SessionLock;
 use crate::settings::Overrides;
 use crate::wiring::{self, Before, Laboratory};
 
@@ -47,8 +48,9 @@ impl Run {
         let header = header(&checked, &laboratory, &origin)?;
         self.shown.folder(header.id)?;
         let store = self.database.open().await?;
+        let lock = SessionLock::take(store.path(), header.id).map_err(Ended::input)?;
         let session = Session { checked, laboratory, header, earlier: None, captures: Vec::new() };
-        session.conduct(store, &self.shown).await
+        session.conduct(store, lock, &self.shown).await
     }
 }
 

@@ -70,7 +70,10 @@ impl Solve {
 }
 
 /// Solves all captures of a stored session as a new processing.
-async fn solve_session(
+///
+/// # Errors
+/// When the session cannot be read, or the store fails.
+pub async fn solve_session(
     store: &Arc<Store>,
     id: SessionId,
     methods: &[Method],

@@ -71,6 +71,26 @@ fn killed(lab: &Lab, arguments: &[&str], after: Duration) -> bool {
     true
 }
 
+/// A laboratory whose run was killed when its session was first seen like this. A run that is over
+/// before it is seen so is begun again.
+fn killed_when(plan: &str, is_time: impl Fn(&Value) -> bool) -> Lab {
+    for _ in 0..20 {
+        let lab = steady_lab(plan);
+        let mut command = lab.command();
+        command.args(run_arguments("0.5")).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut run = command.spawn().unwrap();
+        while run.try_wait().unwrap().is_none() {
+            let listed = lab.beampose(&["sessions", "--json"]);
+            if listed.code == 0 && listed.json_lines().iter().any(&is_time) {
+                run.kill().unwrap();
+                run.wait().unwrap();
+                return lab;
+            }
+        }
+    }
+    panic!("twenty runs were over before they could be killed");
+}
+
 /// Everything acquired: setpoints, readings and hashes of the pictures of each capture; and of
 /// steps their labels and outcomes.
 fn acquired(lab: &Lab) -> (BTreeMap<String, String>, Vec<String>) {
@@ -175,15 +195,9 @@ fn poses(lab: &Lab) -> Vec<Value> {
 fn poses_and_results_of_a_resumed_session_are_those_of_an_uninterrupted_one() {
     let plan = plan(1, 300, 100);
     let whole = steady_lab(&plan);
-    let begin = Instant::now();
     whole.beampose(&run_arguments("0.5")).expect_code(0);
-    let length = begin.elapsed();
-    let lab = steady_lab(&plan);
-    let mut part = 0.3;
-    while !killed(&lab, &run_arguments("0.5"), length.mul_f64(part)) || !has_session(&lab) {
-        part += 0.1;
-        assert!(part < 1.0);
-    }
+    let half_done = |s: &Value| s["outcome"] == "not closed" && s["captures"].as_u64() >= Some(2);
+    let lab = killed_when(&plan, half_done);
     let ended = resume_to_the_end(&lab);
     assert!(ended.err.contains("the program died"), "{}", ended.err);
     assert_eq!(ended.json_lines().pop().unwrap()["captures"], 4);
@@ -218,6 +232,50 @@ fn an_aborted_session_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_session_that_runs_is_not_resumed_beside_it() {
+    let lab = steady_lab(&plan(1, 900, 100));
+    let mut command = lab.command();
+    command.args(run_arguments("0.5")).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut run = command.spawn().unwrap();
+    while !has_session(&lab) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let refused = lab.beampose(&["resume"]).expect_code(2);
+    let holder = format!("is being run by process {}", run.id());
+    assert!(refused.err.contains(&holder), "{}", refused.err);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    // The lock went with the process.
+    resume_to_the_end(&lab);
+    let left = std::fs::read_dir(lab.path(".")).unwrap();
+    let locks =
+        left.filter(|e| e.as_ref().unwrap().path().extension().is_some_and(|x| x == "lock"));
+    assert_eq!(locks.count(), 0);
+}
+
+#[test]
+fn a_session_killed_while_it_is_solved_is_solved_and_reported() {
+    let plan = plan(1, 300, 100);
+    let whole = steady_lab(&plan);
+    whole.beampose(&run_arguments("0.5")).expect_code(0);
+    for _ in 0..20 {
+        let lab = killed_when(&plan, |s| s["outcome"] == "completed");
+        let resumed = lab.beampose(&["resume", "--json", "--out", "report"]);
+        if resumed.code == 2 && resumed.err.contains("nothing to resume") {
+            // It had solved all before the signal came.
+            continue;
+        }
+        let ended = resumed.expect_code(0);
+        assert!(ended.err.contains("all steps are done"), "{}", ended.err);
+        assert_eq!(ended.json_lines().pop().unwrap()["captures"], 4);
+        assert_eq!(poses(&lab), poses(&whole));
+        lab.beampose(&["resume"]).expect_code(2);
+        return;
+    }
+    panic!("twenty runs were solved before they could be killed");
+}
+
+#[test]
 fn what_cannot_go_on_says_why() {
     let lab = steady_lab(&quick_plan());
     lab.beampose(&run_arguments("0.1")).expect_code(0);
@@ -239,5 +297,14 @@ fn what_cannot_go_on_says_why() {
     lab.write("rigs/steady.yaml", &format!("# another word\n{}", steady_rig()));
     let refused = lab.beampose(&["resume"]).expect_code(2);
     assert!(refused.err.contains("the rig's text"), "{}", refused.err);
+    lab.write("rigs/steady.yaml", &steady_rig());
+    let camera = lab.path("rigs/simulated/cam_a.yaml");
+    let before = std::fs::read_to_string(&camera).unwrap();
+    lab.write("rigs/simulated/cam_a.yaml", &before.replacen("3529.4", "3529.5", 1));
+    assert_ne!(std::fs::read_to_string(&camera).unwrap(), before);
+    let refused = lab.beampose(&["resume"]).expect_code(2);
+    assert!(refused.err.contains("calibrations, pattern or artefact"), "{}", refused.err);
+    lab.write("rigs/simulated/cam_a.yaml", &before);
+    lab.write("rigs/steady.yaml", &format!("# another word\n{}", steady_rig()));
     lab.beampose(&["resume", "--accept-changes", "--json", "--out", "report"]).expect_code(0);
 }
