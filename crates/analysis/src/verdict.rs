@@ -41,7 +41,9 @@ impl Verdict {
     pub const fn of_session(outcome: SessionOutcome, analysis: Self) -> Self {
         match outcome {
             SessionOutcome::Completed => analysis,
-            SessionOutcome::Aborted => Self::Aborted,
+            SessionOutcome::Stopped | SessionOutcome::Aborted | SessionOutcome::Halted => {
+                Self::Aborted
+            }
             SessionOutcome::Error => Self::Error,
         }
     }

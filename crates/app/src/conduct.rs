@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use beampose_analysis::{ReportInput, TranslationResult};
 use beampose_core::{CaptureId, Gap, SessionHeader, SessionId, SessionOutcome};
-use beampose_engine::{AbortHandle, Earlier, EngineError, Observers, RunSummary, Surroundings};
+use beampose_engine::{Control, Earlier, EngineError, Observers, RunSummary, Surroundings};
 use beampose_photogrammetry::solve::Method;
 use beampose_store::{Store, StoredCapture};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
@@ -17,9 +17,12 @@ use crate::cli::sessions::plain_table;
 use crate::cli::solve::solve_session;
 use crate::cli::{Ended, close};
 use crate::input::Checked;
+use crate::operator::{Answers, Desk, answers};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, adjust_session};
 use crate::progress::Progress;
+use crate::remote::{Mailbox, listen};
+use crate::rescue::rescue;
 use crate::session_lock::SessionLock;
 use crate::session_report::{input, load, method_of, prepare, write};
 use crate::truth;
@@ -37,6 +40,21 @@ pub struct Session {
     pub earlier: Option<(Earlier, Gap)>,
     /// Captures of the earlier run.
     pub captures: Vec<CaptureId>,
+    /// Answers to the plan's prompts.
+    pub answers: Answers,
+}
+
+/// How long a run waits for a store that does not take what it is given: somebody has to come and
+/// make room.
+const STORE_PATIENCE: Duration = Duration::from_secs(24 * 3600);
+
+/// A task that ends with whoever waits for nothing of it.
+struct AbortOnDrop(tokio::task::JoinHandle<()>);
+
+impl Drop for AbortOnDrop {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
 }
 
 /// How it is shown.
@@ -51,9 +69,21 @@ pub struct Shown {
     /// No progress bar
     #[arg(short, long)]
     pub quiet: bool,
+    /// Answers to the plan's prompts, a YAML map from their names to answers; without it the
+    /// terminal is asked
+    #[arg(long, value_name = "FILE")]
+    pub answers: Option<PathBuf>,
 }
 
 impl Shown {
+    /// The answers of the file, if there is one.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn read_answers(&self) -> Result<Answers, Ended> {
+        self.answers.as_deref().map_or_else(|| Ok(Answers::new()), answers).map_err(Ended::input)
+    }
+
     /// The folder of a session's report: `--out`, else `reports/` and the session's id.
     ///
     /// # Errors
@@ -88,8 +118,12 @@ impl Session {
             self.checked.summary.captures as u64,
             !shown.quiet && !shown.json,
         );
-        let abort = AbortHandle::new();
-        tokio::spawn(listen(abort.clone()));
+        let control = Control::new();
+        let mailbox = Mailbox::of(store.path(), session);
+        let _listening = [
+            AbortOnDrop(tokio::spawn(listen(control.clone()))),
+            AbortOnDrop(tokio::spawn(mailbox.obey(control.clone()))),
+        ];
 
         let (captured, to_solve) = unbounded_channel();
         let (triggered, to_note) = unbounded_channel();
@@ -116,7 +150,19 @@ impl Session {
             tokio::spawn(async move { truth::record(&store, session, &world, to_note).await })
         });
 
-        let ended = self.engine(&store, observers, &abort).await;
+        let desk = Desk::new(self.answers.clone(), &control);
+        let ended = self.engine(&store, observers, &control, &desk).await;
+        if let Err(EngineError::NotStored { summary, .. }) = &ended {
+            match rescue(&folder, &summary.unstored) {
+                Ok(rescued) => complain(&format!(
+                    "beampose: what could not be stored is in {}",
+                    rescued.display()
+                )),
+                Err(error) => {
+                    complain(&format!("beampose: what could not be stored is lost: {error:#}"))
+                }
+            }
+        }
         let solved = solving.await?;
         let recorded = match recording {
             Some(recording) => recording.await?,
@@ -147,7 +193,8 @@ impl Session {
         &self,
         store: &Arc<Store>,
         observers: Observers,
-        abort: &AbortHandle,
+        control: &Control,
+        desk: &Desk,
     ) -> Result<RunSummary, EngineError> {
         let clock = self.laboratory.clock.shared();
         let around = Surroundings {
@@ -155,7 +202,10 @@ impl Session {
             sink: &**store,
             observers: &observers,
             clock: &*clock,
-            abort,
+            control,
+            operator: desk,
+            rules: &self.checked.summary.rules,
+            store_patience: STORE_PATIENCE,
         };
         let (steps, header) = (&self.checked.summary.steps, &self.header);
         let drive = &self.laboratory.clock;
@@ -240,7 +290,7 @@ async fn conclude(
     }
     Ok(match ending.outcome {
         SessionOutcome::Completed => exit_of(input.verdict),
-        SessionOutcome::Aborted => Exit::Aborted,
+        SessionOutcome::Stopped | SessionOutcome::Aborted | SessionOutcome::Halted => Exit::Aborted,
         SessionOutcome::Error => Exit::Failed,
     })
 }
@@ -272,35 +322,6 @@ async fn solve_captures(
     match pipeline {
         Some(pipeline) => pipeline.finish().await,
         None => Pipeline::begin(store, session, setup, &methods).await?.finish().await,
-    }
-}
-
-/// Turns signals into the wish to stop.
-async fn listen(abort: AbortHandle) {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        let (Ok(mut term), Ok(mut hangup)) =
-            (signal(SignalKind::terminate()), signal(SignalKind::hangup()))
-        else {
-            complain("beampose: signals cannot be caught; only Ctrl-C stops the run tidily");
-            return;
-        };
-        loop {
-            let reason = tokio::select! {
-                _ = tokio::signal::ctrl_c() => "Ctrl-C",
-                _ = term.recv() => "SIGTERM",
-                _ = hangup.recv() => "SIGHUP",
-            };
-            if abort.reason().is_some() {
-                complain("beampose: already stopping: laser off first, then `finally`");
-            }
-            abort.request(reason);
-        }
-    }
-    #[cfg(not(unix))]
-    if tokio::signal::ctrl_c().await.is_ok() {
-        abort.request("Ctrl-C");
     }
 }
 

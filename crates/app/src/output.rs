@@ -15,7 +15,7 @@ pub enum Exit {
     VerdictFail,
     /// The command line, plan, rig or another input is at fault. Nothing was done.
     Input,
-    /// The session was aborted by the operator or a signal; the lasers are off.
+    /// The session was stopped, aborted or halted by the operator or a signal; the lasers are off.
     Aborted,
     /// An instrument, the store or the program failed; what was acquired is kept.
     Failed,

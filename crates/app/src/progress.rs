@@ -4,10 +4,12 @@
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
+use beampose_core::instrument::AxisUnit;
 use beampose_engine::{Notice, Observer};
 use beampose_photogrammetry::solve::Method;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
+use crate::output::complain;
 use crate::pipeline::Solved;
 
 /// Two bars: steps of the run, captures solved. Clones show on the same bars.
@@ -69,6 +71,11 @@ impl Progress {
         self.solved.inc(1);
     }
 
+    /// Says something above the bars.
+    fn say(&self, text: &str) {
+        self.steps.suspend(|| complain(text));
+    }
+
     /// Takes the bars away.
     pub fn finish(&self) {
         self.steps.finish_and_clear();
@@ -82,6 +89,14 @@ impl Observer for Progress {
             Notice::StepStarted(step) => self.steps.set_message(step.to_string()),
             Notice::StepDone(_) => self.steps.inc(1),
             Notice::Closed(_) => self.steps.set_message("done"),
+            Notice::Paused { reason } => self.say(&format!(
+                "beampose: paused, everything is safe: {reason}\n  Enter or `beampose tell SESSION go-on` goes on"
+            )),
+            Notice::Continued => self.say("beampose: the run goes on"),
+            Notice::ByHand { axis, unit, target, reading } => {
+                let unit = if *unit == AxisUnit::Millimetre { "mm" } else { "deg" };
+                self.steps.set_message(format!("{axis}: {reading:.3} {unit}, move it to {target} {unit}"));
+            }
             Notice::Opened(_) | Notice::Event(_) | Notice::Captured(_) => {}
         }
     }

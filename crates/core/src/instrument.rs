@@ -77,6 +77,20 @@ pub trait Axis: Instrument {
     async fn stop(&self) -> Result<(), InstrumentError>;
     /// The unit of positions.
     fn unit(&self) -> AxisUnit;
+    /// Where a person moves it and the program only reads it: when it counts as standing. Its
+    /// [`Axis::move_to`] then returns at once.
+    fn by_hand(&self) -> Option<ByHand> {
+        None
+    }
+}
+
+/// When a stage that is moved by hand stands where it should.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ByHand {
+    /// How far from the target it may stand, in the axis' unit.
+    pub tolerance: f64,
+    /// How long it must have stood.
+    pub still_for: std::time::Duration,
 }
 
 /// The unit in which an axis counts.
@@ -117,6 +131,20 @@ pub trait Laser: Instrument {
     async fn emission(&self) -> Emission;
     /// Last resort from a drop or a panic: sends "off" without waiting for an answer.
     fn off_without_waiting(&self);
+    /// The contact that lets it emit, where it has one that can be read.
+    fn interlock(&self) -> Option<&dyn Interlock> {
+        None
+    }
+}
+
+/// A safety contact (door, lid, key) without which a laser does not emit.
+#[async_trait]
+pub trait Interlock: Send + Sync {
+    /// Reads whether it is closed.
+    ///
+    /// # Errors
+    /// Any [`InstrumentError`]: then it counts as open.
+    async fn is_closed(&self) -> Result<bool, InstrumentError>;
 }
 
 /// An instrument that is read: wavelength meter, thermometer.
@@ -153,4 +181,11 @@ pub trait Camera: Instrument {
     /// # Errors
     /// Any [`InstrumentError`].
     async fn trigger(&self) -> Result<Frame, InstrumentError>;
+    /// Gives up an [`Camera::arm`] that no trigger followed.
+    ///
+    /// # Errors
+    /// Any [`InstrumentError`].
+    async fn disarm(&self) -> Result<(), InstrumentError> {
+        Ok(())
+    }
 }

@@ -15,9 +15,10 @@ pub use clock::{Clock, Stamp, VirtualClock};
 pub use frames::Pose;
 pub use ids::{CaptureId, InstrumentName, SessionId, StepNumber};
 pub use instrument::{
-    Axis, Camera, Emission, Frame, Identity, Instrument, InstrumentError, Laser, Sensor,
+    Axis, ByHand, Camera, Emission, Frame, Identity, Instrument, InstrumentError, Interlock, Laser,
+    Sensor,
 };
 pub use record::{
-    CaptureRecord, Event, EventKind, Gap, Picture, Quantity, Reading, RunSink, SessionHeader,
-    SessionOutcome, SinkError, StepOutcome, StepRecord,
+    Answer, CaptureRecord, Event, EventKind, Gap, Missing, Picture, Quantity, Reading, RunSink,
+    SessionHeader, SessionOutcome, SinkError, StepOutcome, StepRecord,
 };

@@ -118,8 +118,41 @@ pub enum StepOutcome {
         /// Why.
         reason: String,
     },
-    /// It was not run, because the run ended before it.
+    /// It failed, and the plan says to pass it over.
+    PassedOver {
+        /// Why it failed.
+        reason: String,
+    },
+    /// It was not run: the plan's `run_if` said no.
     Skipped,
+}
+
+impl StepOutcome {
+    /// Whether a run goes on behind it: it need not be done again.
+    #[must_use]
+    pub const fn is_settled(&self) -> bool {
+        !matches!(self, Self::Failed { .. })
+    }
+}
+
+/// A value that should be there and is not: a fact of its own, never a number that stands for it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Missing {
+    /// The instrument that did not give it.
+    pub instrument: InstrumentName,
+    /// Why.
+    pub reason: String,
+}
+
+/// What an operator said.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Answer {
+    /// What the plan calls it.
+    pub name: String,
+    /// As given: text, a number, one of the choices, `yes` or `no`.
+    pub value: String,
+    /// Who gave it: `terminal`, `answers file`, `default`.
+    pub by: String,
 }
 
 /// Everything that one step acquired and how it ended: one durable transaction.
@@ -141,6 +174,10 @@ pub struct StepRecord {
     pub readings: Vec<(InstrumentName, Reading)>,
     /// The capture taken, if it is a capture step.
     pub capture: Option<CaptureRecord>,
+    /// What should have been read or taken and is missing, where the plan allows that.
+    pub missing: Vec<Missing>,
+    /// What the operator said, if somebody was asked.
+    pub answer: Option<Answer>,
     /// What else happened: laser switched, axis moved.
     pub events: Vec<Event>,
 }
@@ -174,10 +211,32 @@ pub enum EventKind {
     Moved,
     /// The session goes on after it was stopped or died.
     Resumed,
-    /// The operator or a signal asked to stop.
+    /// The operator or a signal asked to stop, in one of the ways there are.
     AbortRequested,
+    /// The run stands, everything safe, until somebody lets it go on.
+    Paused,
+    /// It goes on.
+    Continued,
+    /// A condition does not hold: the run waits for it.
+    Suspended,
+    /// The condition holds again.
+    Released,
     /// A step failed.
     StepFailed,
+    /// It failed and is tried again, or what helps is done first.
+    Retried,
+    /// It was passed over, as the plan says.
+    Skipped,
+    /// A value is missing, as the plan allows.
+    Missing,
+    /// A reading is outside the limits that the plan accepts.
+    OutOfLimits,
+    /// What a step acquired could not be stored; it is kept and offered again.
+    StoreFailed,
+    /// The operator was asked.
+    Asked,
+    /// The answer, or what stands in for it.
+    Answered,
     /// The session ended.
     Closed,
 }
@@ -188,8 +247,12 @@ pub enum EventKind {
 pub enum SessionOutcome {
     /// All steps done.
     Completed,
-    /// Stopped by the operator or a signal.
+    /// Ended early, tidily: the step under way was finished, then `finally` ran.
+    Stopped,
+    /// Broken off by the operator or a signal: made safe, then `finally` ran.
     Aborted,
+    /// Broken off at once: made safe, and nothing else.
+    Halted,
     /// Ended by an error.
     Error,
 }
@@ -200,7 +263,9 @@ impl SessionOutcome {
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Completed => "completed",
+            Self::Stopped => "stopped",
             Self::Aborted => "aborted",
+            Self::Halted => "halted",
             Self::Error => "error",
         }
     }
@@ -291,4 +356,8 @@ pub trait RunSink: Send + Sync {
         events: &[Event],
         at: Stamp,
     ) -> Result<(), SinkError>;
+    /// How many bytes can still be kept; `None` where that cannot be told.
+    fn free_bytes(&self) -> Option<u64> {
+        None
+    }
 }

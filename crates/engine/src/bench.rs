@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
 
 use beampose_core::{Axis, Camera, Instrument, InstrumentName, Laser, Sensor};
 use beampose_plan::{Action, Step};
@@ -19,6 +20,8 @@ pub struct Bench {
     pub sensors: BTreeMap<InstrumentName, Arc<dyn Sensor>>,
     /// Cameras.
     pub cameras: BTreeMap<InstrumentName, Arc<dyn Camera>>,
+    /// The number of the step under way, 0 before the first: for simulated faults.
+    pub under_way: Arc<AtomicU32>,
 }
 
 impl std::fmt::Debug for Bench {
@@ -103,7 +106,7 @@ impl Bench {
                 Action::LaserOn { laser } | Action::LaserOff { laser } => {
                     self.laser(laser)?;
                 }
-                Action::Wait { .. } => {}
+                Action::Wait { .. } | Action::Prompt { .. } => {}
                 Action::Move { axis, .. } => {
                     self.axis(axis)?;
                 }

@@ -6,14 +6,15 @@
 //! neither delay nor end a run. Lasers are switched off in one place, [`safe_state`]. The engine
 //! knows no SQL and no concrete driver.
 //!
-//! To add an action: a variant in `beampose_plan::Action`, an arm in `actions.rs`.
+//! To add an action: a variant in `beampose_plan::Action`, an arm in `actions/mod.rs`.
 
-mod abort;
 mod actions;
 mod bench;
+mod control;
 mod error;
 pub mod machine;
 mod observe;
+mod operator;
 mod real_clock;
 mod resume;
 mod runner;
@@ -21,10 +22,11 @@ pub mod safe_state;
 #[cfg(test)]
 mod tests;
 
-pub use abort::AbortHandle;
 pub use bench::Bench;
+pub use control::{Control, Wish};
 pub use error::EngineError;
 pub use observe::{CaptureSummary, Notice, Observer, Observers};
+pub use operator::{Nobody, Operator, Question};
 pub use real_clock::RealClock;
 pub use resume::{Earlier, restoration};
 pub use runner::{RunSummary, StepFailure, Surroundings, resume, run};

@@ -3,18 +3,22 @@
 //!
 //! The rules, each a row in the tests below:
 //! - A failed or interrupted step makes everything safe before it is stored: light goes off first.
-//! - What a step acquired is stored before the next begins.
-//! - After a failure, an abort or a storage failure no main step runs, every `finally` step does,
-//!   whatever becomes of the ones before it.
+//! - What a step acquired is stored before the next begins. What cannot be stored makes everything
+//!   safe, and is offered again until it is stored or given up.
+//! - A pause makes everything safe, waits, re-establishes what later steps rely on, and goes on with
+//!   the step that it came before or broke off.
+//! - After a failure, a stop, an abort or a storage failure no main step runs, every `finally` step
+//!   does, whatever becomes of the ones before it. After a halt none does.
 //! - Everything is made safe once more before the session closes.
-//! - An error outranks an abort, an abort outranks completion; an unknown laser is an error.
+//! - An error outranks halt, abort and stop, in this order, and these outrank completion; an unknown
+//!   laser is an error.
 //!
 //! A resumed run is a machine that begins behind the main steps already done ([`Machine::resuming`]).
-//! Pause will be a state between steps: `Input::Pause` where [`Machine::next`] would give
-//! [`Command::Run`] in the main section.
 
 use beampose_core::SessionOutcome;
 use beampose_plan::Section;
+
+use crate::control::Wish;
 
 /// Where a run stands. `at` counts the steps in the order in which they run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,6 +42,31 @@ pub enum State {
         /// Which.
         at: usize,
     },
+    /// Everything is made safe, because what the step acquired could not be stored.
+    SecuringStore {
+        /// Which.
+        at: usize,
+    },
+    /// What could not be stored is offered again.
+    Offering {
+        /// Which.
+        at: usize,
+    },
+    /// Everything is made safe for a pause before the step.
+    SecuringPause {
+        /// The step to go on with.
+        at: usize,
+    },
+    /// Somebody is to say how it goes on.
+    Paused {
+        /// The step to go on with.
+        at: usize,
+    },
+    /// What later steps rely on is re-established.
+    Restoring {
+        /// The step to go on with.
+        at: usize,
+    },
     /// Everything is made safe between steps; then the run goes on with `finally`.
     SecuringRun {
         /// The step behind, whether or not it is to run.
@@ -54,24 +83,26 @@ pub enum State {
 pub enum Input {
     /// To begin.
     Begin,
-    /// Lasers are off, and all instruments said who they are.
+    /// Lasers are off, all instruments said who they are, and what steps rely on is established.
     Prepared,
-    /// An instrument did not.
+    /// It is not so.
     PreparationFailed,
     /// The step did what it is for.
     StepDone,
     /// It did not.
     StepFailed,
-    /// It was stopped because somebody asked to abort.
-    StepInterrupted,
+    /// It was broken off because somebody wished so.
+    StepInterrupted(Wish),
     /// Everything was made safe, as far as it can be.
     Secured(Lasers),
     /// What the step acquired is durable.
     Stored,
-    /// It is not.
+    /// It is not; after [`Command::Offer`]: it is given up.
     StoreFailed,
-    /// Somebody asked to stop; seen before the step that was to run next.
-    AbortRequested,
+    /// Somebody wishes to stop; seen before the step that was to run next, or while paused.
+    Wished(Wish),
+    /// Somebody wishes to go on.
+    Continued,
 }
 
 /// What is known of the lasers after they were told to be off.
@@ -97,6 +128,12 @@ pub enum Command {
     Secure,
     /// Store what the step acquired.
     Store,
+    /// Offer it again until it is stored, or given up.
+    Offer,
+    /// Wait until somebody says how it goes on.
+    AwaitOperator,
+    /// Re-establish what later steps rely on.
+    Restore,
     /// Close the session with this outcome. Nothing comes after it.
     Close(SessionOutcome),
 }
@@ -112,6 +149,8 @@ pub struct Machine {
     outcome: SessionOutcome,
     /// True once no further main step is to run.
     stopping: bool,
+    /// True once no step at all is to run.
+    halted: bool,
 }
 
 impl Machine {
@@ -129,7 +168,8 @@ impl Machine {
         let mut order: Vec<usize> = of(Section::Main).filter(|&i| !is_done(i)).collect();
         let main = order.len();
         order.extend(of(Section::Finally));
-        Self { order, main, state: State::New, outcome: SessionOutcome::Completed, stopping: false }
+        let outcome = SessionOutcome::Completed;
+        Self { order, main, state: State::New, outcome, stopping: false, halted: false }
     }
 
     /// Where the run stands.
@@ -155,19 +195,46 @@ impl Machine {
                 self.stop(SessionOutcome::Error);
                 self.go(State::SecuringStep { at }, Command::Secure)
             }
-            (State::Running { at }, Input::StepInterrupted) => {
-                self.stop(SessionOutcome::Aborted);
+            (State::Running { at }, Input::StepInterrupted(wish)) => {
+                if wish.is_pause() {
+                    return self.go(State::SecuringPause { at }, Command::Secure);
+                }
+                self.obey(wish);
                 self.go(State::SecuringStep { at }, Command::Secure)
             }
-            (State::Running { at }, Input::AbortRequested) => self.abort_before(at),
+            (State::Running { at }, Input::Wished(wish)) => self.wished_before(at, wish),
+            (State::SecuringPause { at }, Input::Secured(lasers)) => {
+                self.know(lasers);
+                self.go(State::Paused { at }, Command::AwaitOperator)
+            }
+            (State::Paused { at }, Input::Continued) => {
+                self.go(State::Restoring { at }, Command::Restore)
+            }
+            (State::Paused { at }, Input::Wished(wish)) if !wish.is_pause() => {
+                self.obey(wish);
+                self.go_to_step(at)
+            }
+            (State::Restoring { at }, Input::Prepared) => self.go_to_step(at),
+            (State::Restoring { at }, Input::PreparationFailed) => {
+                self.stop(SessionOutcome::Error);
+                self.go(State::SecuringRun { next: at }, Command::Secure)
+            }
             (State::SecuringStep { at }, Input::Secured(lasers)) => {
                 self.know(lasers);
                 self.go(State::Storing { at }, Command::Store)
             }
             (State::Storing { at }, Input::Stored) => self.go_to_step(at + 1),
             (State::Storing { at }, Input::StoreFailed) => {
+                self.go(State::SecuringStore { at }, Command::Secure)
+            }
+            (State::SecuringStore { at }, Input::Secured(lasers)) => {
+                self.know(lasers);
+                self.go(State::Offering { at }, Command::Offer)
+            }
+            (State::Offering { at }, Input::Stored) => self.restore_before(at + 1),
+            (State::Offering { at }, Input::StoreFailed) => {
                 self.stop(SessionOutcome::Error);
-                self.go(State::SecuringRun { next: at + 1 }, Command::Secure)
+                self.go_to_step(at + 1)
             }
             (State::SecuringRun { next }, Input::Secured(lasers)) => {
                 self.know(lasers);
@@ -184,18 +251,49 @@ impl Machine {
         }
     }
 
-    /// Main steps are abandoned; `finally` has begun already or is what the abort leads to.
-    fn abort_before(&mut self, at: usize) -> Command {
-        if at >= self.main {
+    /// What is wished before a step: in `finally` only a halt changes anything.
+    fn wished_before(&mut self, at: usize, wish: Wish) -> Command {
+        if at >= self.main && wish != Wish::Halt {
             return self.go_to_step(at);
         }
-        self.stop(SessionOutcome::Aborted);
-        self.go(State::SecuringRun { next: at }, Command::Secure)
+        if wish.is_pause() {
+            return self.go(State::SecuringPause { at }, Command::Secure);
+        }
+        self.obey(wish);
+        match wish {
+            // Tidily: the plan's own `finally` makes the end.
+            Wish::Stop => self.go_to_step(at),
+            _ => self.go(State::SecuringRun { next: at }, Command::Secure),
+        }
+    }
+
+    fn obey(&mut self, wish: Wish) {
+        match wish {
+            Wish::Pause | Wish::PauseNow => {}
+            Wish::Stop => self.stop(SessionOutcome::Stopped),
+            Wish::Abort => self.stop(SessionOutcome::Aborted),
+            Wish::Halt => {
+                self.halted = true;
+                self.stop(SessionOutcome::Halted);
+            }
+        }
+    }
+
+    /// On behind a pause: main steps rely on what was made safe.
+    fn restore_before(&mut self, at: usize) -> Command {
+        if self.stopping || at >= self.main {
+            return self.go_to_step(at);
+        }
+        self.go(State::Restoring { at }, Command::Restore)
     }
 
     /// To the step at `at`, or the first behind it that may run, or the end.
     fn go_to_step(&mut self, at: usize) -> Command {
-        let at = if self.stopping { at.max(self.main) } else { at };
+        let at = match (self.halted, self.stopping) {
+            (true, _) => self.order.len(),
+            (false, true) => at.max(self.main),
+            (false, false) => at,
+        };
         match self.order.get(at) {
             Some(&step) => self.go(State::Running { at }, Command::Run { step }),
             None => self.go(State::Finishing, Command::Secure),
@@ -219,190 +317,19 @@ impl Machine {
     }
 
     fn worsen(&mut self, outcome: SessionOutcome) {
-        if self.outcome != SessionOutcome::Error {
+        if gravity(outcome) > gravity(self.outcome) {
             self.outcome = outcome;
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use Command::{Close, Prepare, Run, Secure, Store};
-    use Input::{
-        AbortRequested, Begin, PreparationFailed, Prepared, Secured, StepDone, StepFailed,
-        StepInterrupted, StoreFailed, Stored,
-    };
-    use SessionOutcome::{Aborted, Completed, Error};
-
-    const OFF: Input = Secured(Lasers::Off);
-    const UNKNOWN: Input = Secured(Lasers::Unknown);
-
-    /// Two main steps (0, 1) and two `finally` steps (2, 3).
-    #[track_caller]
-    fn check(conversation: &[(Input, Command)]) {
-        let [main, finally] = [Section::Main, Section::Finally];
-        let mut machine = Machine::new(&[main, main, finally, finally]);
-        for (i, (input, command)) in conversation.iter().enumerate() {
-            assert_eq!(machine.next(*input), *command, "line {i}: {input:?}");
-        }
-    }
-
-    #[test]
-    fn steps_run_in_order_and_are_stored_one_by_one() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepDone, Store),
-            (Stored, Run { step: 1 }),
-            (StepDone, Store),
-            (Stored, Run { step: 2 }),
-            (StepDone, Store),
-            (Stored, Run { step: 3 }),
-            (StepDone, Store),
-            (Stored, Secure),
-            (OFF, Close(Completed)),
-        ]);
-    }
-
-    #[test]
-    fn a_failed_step_is_made_safe_then_stored_then_finally_runs() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepFailed, Secure),
-            (OFF, Store),
-            (Stored, Run { step: 2 }),
-            (StepDone, Store),
-            (Stored, Run { step: 3 }),
-            (StepDone, Store),
-            (Stored, Secure),
-            (OFF, Close(Error)),
-        ]);
-    }
-
-    #[test]
-    fn every_finally_step_runs_although_one_fails() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepFailed, Secure),
-            (OFF, Store),
-            (Stored, Run { step: 2 }),
-            (StepFailed, Secure),
-            (OFF, Store),
-            (Stored, Run { step: 3 }),
-            (StepFailed, Secure),
-            (OFF, Store),
-            (Stored, Secure),
-            (OFF, Close(Error)),
-        ]);
-    }
-
-    #[test]
-    fn an_abort_between_steps_goes_to_finally() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepDone, Store),
-            (Stored, Run { step: 1 }),
-            (AbortRequested, Secure),
-            (OFF, Run { step: 2 }),
-            (StepDone, Store),
-            (Stored, Run { step: 3 }),
-            (StepDone, Store),
-            (Stored, Secure),
-            (OFF, Close(Aborted)),
-        ]);
-    }
-
-    #[test]
-    fn an_abort_within_a_step_keeps_what_it_acquired() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepInterrupted, Secure),
-            (OFF, Store),
-            (Stored, Run { step: 2 }),
-        ]);
-    }
-
-    #[test]
-    fn an_abort_in_finally_skips_nothing_and_changes_no_outcome() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepDone, Store),
-            (Stored, Run { step: 1 }),
-            (StepDone, Store),
-            (Stored, Run { step: 2 }),
-            (AbortRequested, Run { step: 2 }),
-            (StepDone, Store),
-            (Stored, Run { step: 3 }),
-            (StepDone, Store),
-            (Stored, Secure),
-            (OFF, Close(Completed)),
-        ]);
-    }
-
-    #[test]
-    fn a_storage_failure_ends_the_run_with_an_error() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (StepDone, Store),
-            (StoreFailed, Secure),
-            (OFF, Run { step: 2 }),
-            (StepDone, Store),
-            (StoreFailed, Secure),
-            (OFF, Run { step: 3 }),
-            (StepDone, Store),
-            (StoreFailed, Secure),
-            (OFF, Secure),
-            (OFF, Close(Error)),
-        ]);
-    }
-
-    #[test]
-    fn a_failed_preparation_runs_finally_alone() {
-        check(&[(Begin, Prepare), (PreparationFailed, Secure), (OFF, Run { step: 2 })]);
-    }
-
-    #[test]
-    fn an_error_outranks_an_abort_and_an_unknown_laser_is_an_error() {
-        check(&[
-            (Begin, Prepare),
-            (Prepared, Run { step: 0 }),
-            (AbortRequested, Secure),
-            (UNKNOWN, Run { step: 2 }),
-            (StepDone, Store),
-            (Stored, Run { step: 3 }),
-            (StepDone, Store),
-            (Stored, Secure),
-            (OFF, Close(Error)),
-        ]);
-    }
-
-    #[test]
-    fn an_input_out_of_turn_makes_everything_safe_and_closes() {
-        check(&[(Begin, Prepare), (Stored, Secure), (OFF, Close(Error))]);
-    }
-
-    #[test]
-    fn a_resumed_run_skips_what_is_done_and_runs_all_of_finally() {
-        let [main, finally] = [Section::Main, Section::Finally];
-        let mut machine = Machine::resuming(&[main, main, finally], |i| i != 1);
-        assert_eq!(machine.next(Begin), Prepare);
-        assert_eq!(machine.next(Prepared), Run { step: 1 });
-        assert_eq!(machine.next(StepDone), Store);
-        assert_eq!(machine.next(Stored), Run { step: 2 });
-    }
-
-    #[test]
-    fn a_run_without_steps_is_still_made_safe() {
-        let mut machine = Machine::new(&[]);
-        assert_eq!(machine.next(Begin), Prepare);
-        assert_eq!(machine.next(Prepared), Secure);
-        assert_eq!(machine.next(OFF), Close(Completed));
+/// Which of several outcomes a session ends with: the gravest.
+const fn gravity(outcome: SessionOutcome) -> u8 {
+    match outcome {
+        SessionOutcome::Completed => 0,
+        SessionOutcome::Stopped => 1,
+        SessionOutcome::Aborted => 2,
+        SessionOutcome::Halted => 3,
+        SessionOutcome::Error => 4,
     }
 }

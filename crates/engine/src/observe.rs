@@ -12,6 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use beampose_core::instrument::AxisUnit;
 use beampose_core::{
     CaptureId, CaptureRecord, Event, InstrumentName, SessionHeader, StepNumber, StepRecord,
 };
@@ -31,6 +32,24 @@ pub enum Notice {
     StepStarted(Arc<Step>),
     /// Something happened: a laser switched, an axis moved. Heard at once, stored with its step.
     Event(Event),
+    /// The run stands, everything safe: for an operator, or until the store takes what it has.
+    Paused {
+        /// Why.
+        reason: String,
+    },
+    /// It goes on.
+    Continued,
+    /// Where a stage is that somebody moves by hand, several times a second.
+    ByHand {
+        /// Which.
+        axis: InstrumentName,
+        /// The unit of both numbers.
+        unit: AxisUnit,
+        /// Where it is to stand.
+        target: f64,
+        /// Where it is.
+        reading: f64,
+    },
     /// A step ended and is stored. Its `capture` is empty: [`Notice::Captured`] tells of it.
     StepDone(Arc<StepRecord>),
     /// A capture is stored.

@@ -10,8 +10,20 @@ use beampose_plan::{Action, Section, Step};
 pub struct Earlier {
     /// Main steps that are done: they are not run again.
     pub done: BTreeSet<StepNumber>,
+    /// Main steps that were skipped or passed over: nor are they.
+    pub passed: BTreeSet<StepNumber>,
     /// What they read.
     pub readings: BTreeMap<StepNumber, Vec<(InstrumentName, Reading)>>,
+    /// What the operator answered, by the prompts' names.
+    pub answers: BTreeMap<String, String>,
+}
+
+impl Earlier {
+    /// Whether a step need not be done again.
+    #[must_use]
+    pub fn is_behind(&self, step: StepNumber) -> bool {
+        self.done.contains(&step) || self.passed.contains(&step)
+    }
 }
 
 /// What later steps rely on, as steps that repeat earlier ones: axes where they were last told to

@@ -13,6 +13,7 @@ use beampose_core::clock::{Clock, within};
 use beampose_core::{Emission, Event, EventKind, InstrumentName, Laser, StepNumber};
 
 use crate::Bench;
+use crate::control::Wish;
 use crate::machine::Lasers;
 
 /// How long a laser may take to confirm that it is off, and an axis to confirm that it stopped:
@@ -28,8 +29,10 @@ pub enum Cause {
     Planned(StepNumber),
     /// A step failed.
     StepFailed(StepNumber),
-    /// Somebody asked to stop; why.
-    Abort(String),
+    /// Somebody asked to stop: how, and why.
+    Wished(Wish, String),
+    /// A condition does not hold.
+    Suspended(String),
     /// The instruments did not all answer.
     NotPrepared,
     /// What a step acquired could not be stored.
@@ -44,7 +47,8 @@ impl fmt::Display for Cause {
             Self::SessionStart => f.write_str("start of session"),
             Self::Planned(step) => write!(f, "step {step}"),
             Self::StepFailed(step) => write!(f, "step {step} failed"),
-            Self::Abort(reason) => write!(f, "abort: {reason}"),
+            Self::Wished(wish, reason) => write!(f, "{}: {reason}", wish.as_str()),
+            Self::Suspended(why) => f.write_str(why),
             Self::NotPrepared => f.write_str("preparation failed"),
             Self::NotStored(step) => write!(f, "step {step} could not be stored"),
             Self::SessionEnd => f.write_str("end of session"),
@@ -85,22 +89,44 @@ pub async fn switch_off(
     }
 }
 
-/// Makes everything safe: all lasers off, together, then the axes in `moving` stopped, those that
-/// do so being taken out of the set.
+/// What may not be as it should.
+#[derive(Debug, Default)]
+pub struct Unsettled {
+    /// Axes that may move.
+    pub moving: BTreeSet<InstrumentName>,
+    /// Cameras that may wait for a trigger.
+    pub armed: BTreeSet<InstrumentName>,
+}
+
+/// Makes everything safe: all lasers off, together; then the axes that may move stopped; then the
+/// cameras that may wait for a trigger disarmed.
 pub async fn secure(
     bench: &Bench,
-    moving: &mut BTreeSet<InstrumentName>,
+    unsettled: Unsettled,
     clock: &dyn Clock,
     cause: &Cause,
 ) -> (Lasers, Vec<Event>) {
     let offs = bench.lasers.iter().map(|(name, laser)| switch_off(name, &**laser, clock, cause));
     let mut events = futures::future::join_all(offs).await;
     let unknown = events.iter().any(|event| event.kind == EventKind::LaserUnknown);
-    let stops = moving.iter().map(|name| stop(name, bench, clock, cause));
-    let stops = futures::future::join_all(stops).await;
-    moving.clear();
-    events.extend(stops);
+    events.extend(settle(bench, unsettled, clock, cause).await);
     (if unknown { Lasers::Unknown } else { Lasers::Off }, events)
+}
+
+/// Stops the axes that may move, then disarms the cameras that may wait for a trigger.
+pub(crate) async fn settle(
+    bench: &Bench,
+    unsettled: Unsettled,
+    clock: &dyn Clock,
+    cause: &Cause,
+) -> Vec<Event> {
+    let stops = unsettled.moving.iter().map(|name| stop(name, bench, clock, cause));
+    let stops = futures::future::join_all(stops).await;
+    let cameras = unsettled.armed.iter().filter_map(|name| bench.camera(name).ok());
+    // A camera that does not answer takes no picture that anybody asks for.
+    let disarms = cameras.map(|camera| within(clock, SAFE_STATE_DEADLINE, camera.disarm()));
+    let _answers = futures::future::join_all(disarms).await;
+    stops
 }
 
 async fn stop(name: &InstrumentName, bench: &Bench, clock: &dyn Clock, cause: &Cause) -> Event {

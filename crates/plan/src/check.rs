@@ -4,10 +4,11 @@ use std::fmt;
 
 use beampose_core::units::Second;
 
-use crate::expand::expand_with_warnings;
+use crate::expand::{Expanded, expand_with_warnings};
 use crate::fault::{AsRead, Fault, Faults};
 use crate::hash::plan_hash;
 use crate::plan::Plan;
+use crate::policy::Rules;
 use crate::rig::{Instrument, Rig};
 use crate::step::{Action, Section, Step};
 
@@ -25,7 +26,9 @@ pub struct Summary {
     pub rig_title: String,
     /// All steps, `finally` included.
     pub steps: Vec<Step>,
-    /// BLAKE3 over them, in hexadecimal.
+    /// What holds for all main steps.
+    pub rules: Rules,
+    /// BLAKE3 over both, in hexadecimal.
     pub plan_hash: String,
     /// How long it should take, by the session's clock.
     pub expected: Second,
@@ -44,7 +47,7 @@ pub struct Summary {
 /// # Errors
 /// Every fault in which the plan asks for what the rig does not have.
 pub fn check(plan: &Plan, rig: &Rig) -> Result<Summary, Faults> {
-    let (steps, odd) = expand_with_warnings(plan, rig)?;
+    let Expanded { steps, rules, warnings: odd } = expand_with_warnings(plan, rig)?;
     let mut warnings = plan.warnings.clone();
     warnings.extend(odd);
     let pictures: Vec<_> = steps.iter().filter_map(cameras_of).collect();
@@ -56,12 +59,13 @@ pub fn check(plan: &Plan, rig: &Rig) -> Result<Summary, Faults> {
     Ok(Summary {
         title: plan.title.clone(),
         rig_title: rig.title.clone(),
-        plan_hash: plan_hash(&steps),
+        plan_hash: plan_hash(&steps, &rules),
         expected: Second(steps.iter().map(|step| step.expected.0).sum()),
         captures: pictures.len(),
         pictures: pictures.iter().map(|names| names.len()).sum(),
         picture_bytes: bytes.round() as u64,
         steps,
+        rules,
         warnings,
     })
 }

@@ -10,6 +10,7 @@ use beampose_core::{CaptureId, InstrumentName, StepNumber};
 
 use crate::fault::{At, Fault, Faults, Mark};
 use crate::plan::{Plan, PlanStep, PlanStepKind, Switch, axis_key};
+use crate::policy::{Policy, Remedy, Rules};
 use crate::quantity::AxisPosition;
 use crate::rig::{Instrument, Rig};
 use crate::step::{Action, Section, Step};
@@ -24,14 +25,19 @@ const MAX_STEPS: u64 = 100_000;
 /// # Errors
 /// Every fault in which the plan asks for what the rig does not have.
 pub fn expand(plan: &Plan, rig: &Rig) -> Result<Vec<Step>, Faults> {
-    expand_with_warnings(plan, rig).map(|(steps, _)| steps)
+    expand_with_warnings(plan, rig).map(|expanded| expanded.steps)
 }
 
-/// The steps, and what is odd about them.
-pub(crate) fn expand_with_warnings(
-    plan: &Plan,
-    rig: &Rig,
-) -> Result<(Vec<Step>, Vec<Fault>), Faults> {
+/// A plan with a rig.
+pub(crate) struct Expanded {
+    pub steps: Vec<Step>,
+    pub rules: Rules,
+    /// What is odd about them.
+    pub warnings: Vec<Fault>,
+}
+
+/// The steps, what holds for all of them, and what is odd.
+pub(crate) fn expand_with_warnings(plan: &Plan, rig: &Rig) -> Result<Expanded, Faults> {
     let count = count(&plan.steps).saturating_add(count(&plan.finally));
     if count > MAX_STEPS {
         let message = format!("the plan has {count} steps; at most {MAX_STEPS} are run");
@@ -40,15 +46,20 @@ pub(crate) fn expand_with_warnings(
         return Err(plan.source.error(mark, message).into());
     }
     let mut expander = Expander::new(plan, rig);
+    expander.policy = expander.overlaid(&plan.policy, true);
+    let rules = expander.rules();
     expander.steps(&plan.steps);
     expander.section = Section::Finally;
+    // What holds for the experiment does not hold for what makes an end of it.
+    expander.policy = Policy::default();
     expander.steps(&plan.finally);
     for mark in expander.lit.values() {
         let warning = plan.source.warning(*mark, "the laser is still on when the plan ends");
         expander.warnings.push(warning.help("end with `finally: [laser: off]`"));
     }
     if expander.faults.is_empty() {
-        Ok((expander.out, expander.warnings.sorted().into_iter().cloned().collect()))
+        let warnings = expander.warnings.sorted().into_iter().cloned().collect();
+        Ok(Expanded { steps: expander.out, rules, warnings })
     } else {
         Err(expander.faults)
     }
@@ -61,6 +72,7 @@ fn count(steps: &[PlanStep]) -> u64 {
 fn steps_of(step: &PlanStep) -> u64 {
     match &step.kind {
         PlanStepKind::Repeat { times, steps, .. } => u64::from(*times).saturating_mul(count(steps)),
+        PlanStepKind::Block(steps) => count(steps),
         PlanStepKind::Sweep { values, steps, .. } => {
             (values.len() as u64).saturating_mul(count(steps).saturating_add(1))
         }
@@ -68,9 +80,9 @@ fn steps_of(step: &PlanStep) -> u64 {
     }
 }
 
-struct Expander<'a> {
-    plan: &'a Plan,
-    rig: &'a Rig,
+pub(crate) struct Expander<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) rig: &'a Rig,
     timing: Timing<'a>,
     section: Section,
     context: BTreeMap<String, f64>,
@@ -82,6 +94,10 @@ struct Expander<'a> {
     out: Vec<Step>,
     faults: Faults,
     warnings: Faults,
+    /// What holds for the steps that are next.
+    pub(crate) policy: Policy,
+    /// Blocks entered so far that have a time of their own.
+    pub(crate) blocks: u32,
 }
 
 impl<'a> Expander<'a> {
@@ -98,6 +114,8 @@ impl<'a> Expander<'a> {
             out: Vec::new(),
             faults: Faults::default(),
             warnings: Faults::default(),
+            policy: Policy::default(),
+            blocks: 0,
         }
     }
 
@@ -106,12 +124,34 @@ impl<'a> Expander<'a> {
     }
 
     fn step(&mut self, step: &PlanStep) {
+        let (around, first) = (self.policy.clone(), self.out.len());
+        let is_block = matches!(
+            step.kind,
+            PlanStepKind::Repeat { .. } | PlanStepKind::Sweep { .. } | PlanStepKind::Block(_)
+        );
+        self.policy = self.overlaid(&step.policy, is_block);
+        self.unroll(step);
+        self.policy = around;
+        if !is_block {
+            self.check_policy(step, first);
+        }
+    }
+
+    fn unroll(&mut self, step: &PlanStep) {
         match &step.kind {
             PlanStepKind::Laser { name, switch } => self.laser(step.mark, name.as_ref(), *switch),
             PlanStepKind::Wait(duration) => self.emit(Action::Wait { duration: *duration }),
             PlanStepKind::Move { axis, target } => self.move_axis(axis, target),
             PlanStepKind::Read(names) => self.read(names),
             PlanStepKind::Capture(names) => self.capture(step.mark, names.as_deref()),
+            PlanStepKind::Prompt { name, text, asks, default, deadline } => {
+                let (name, text) = (name.clone(), text.clone());
+                let (asks, default) = (asks.clone(), default.clone());
+                let action = Action::Prompt { name, text, asks, default };
+                let (expected, usual) = self.timing.of(&action);
+                self.push(action, expected, deadline.unwrap_or(usual));
+            }
+            PlanStepKind::Block(steps) => self.steps(steps),
             PlanStepKind::Repeat { times, name, steps } => {
                 for turn in 1..=*times {
                     self.within(name.clone(), f64::from(turn), steps, None);
@@ -183,7 +223,12 @@ impl<'a> Expander<'a> {
         None
     }
 
-    fn complain(&mut self, mark: Mark, message: impl Into<String>, help: Option<String>) {
+    pub(crate) fn complain(
+        &mut self,
+        mark: Mark,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) {
         if self.complained.insert(mark) && !self.faults.is_full() {
             self.faults.push(self.plan.source.error(mark, message).maybe_help(help));
         }
@@ -260,7 +305,7 @@ impl<'a> Expander<'a> {
     }
 
     /// Notes a fault unless the rig has an instrument of that name and one of those kinds.
-    fn expect_kind(&mut self, name: &At<InstrumentName>, kinds: &[&str]) -> Option<()> {
+    pub(crate) fn expect_kind(&mut self, name: &At<InstrumentName>, kinds: &[&str]) -> Option<()> {
         let (wanted, rig) = (kinds.join(" or "), self.rig.source.name());
         let found = match self.rig.instruments.get(&name.value) {
             Some(found) if kinds.contains(&found.kind()) => return Some(()),
@@ -286,6 +331,22 @@ impl<'a> Expander<'a> {
     fn push(&mut self, action: Action, expected: Second, deadline: Second) {
         let number = StepNumber(u32::try_from(self.out.len() + 1).unwrap_or(u32::MAX));
         let (section, context) = (self.section, self.context.clone());
-        self.out.push(Step { number, section, context, action, deadline, expected });
+        let policy = self.policy_for(&action);
+        self.out.push(Step { number, section, context, action, deadline, expected, policy });
+    }
+
+    /// The steps from the given one on: those of the step under way.
+    pub(crate) fn steps_since(&mut self, first: usize) -> &mut [Step] {
+        &mut self.out[first..]
+    }
+
+    /// What steps would be done, without doing them: those of a recovery.
+    pub(crate) fn remedies(&mut self, steps: &[PlanStep]) -> Vec<Remedy> {
+        let first = self.out.len();
+        let (lit, around) = (self.lit.clone(), std::mem::take(&mut self.policy));
+        self.steps(steps);
+        (self.lit, self.policy) = (lit, around);
+        let done = self.out.drain(first..);
+        done.map(|step| Remedy { action: step.action, deadline: step.deadline }).collect()
     }
 }

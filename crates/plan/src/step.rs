@@ -9,6 +9,8 @@ use beampose_core::units::Second;
 use beampose_core::{CaptureId, InstrumentName, StepNumber};
 use serde::{Deserialize, Serialize};
 
+use crate::policy::{Asks, Policy};
+
 /// Where in a run a step belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -52,6 +54,17 @@ pub enum Action {
         /// Which ones.
         instruments: Vec<InstrumentName>,
     },
+    /// Asks the operator.
+    Prompt {
+        /// What the answer is called.
+        name: String,
+        /// The question.
+        text: String,
+        /// What would be an answer.
+        asks: Asks,
+        /// The answer when nobody gave one in time.
+        default: Option<String>,
+    },
     /// Triggers the cameras together.
     Capture {
         /// The capture's name within the session.
@@ -70,6 +83,7 @@ impl Action {
             Self::Wait { .. } => "wait",
             Self::Move { .. } => "move",
             Self::Read { .. } => "read",
+            Self::Prompt { .. } => "prompt",
             Self::Capture { .. } => "capture",
         }
     }
@@ -90,6 +104,9 @@ pub struct Step {
     pub deadline: Second,
     /// How long it is expected to take.
     pub expected: Second,
+    /// What holds for it beside.
+    #[serde(default, skip_serializing_if = "Policy::is_usual")]
+    pub policy: Policy,
 }
 
 impl fmt::Display for Step {
@@ -115,6 +132,7 @@ impl fmt::Display for Action {
                 write!(f, "move {axis} to {target} {unit}")
             }
             Self::Read { instruments } => write!(f, "read {}", names(instruments)),
+            Self::Prompt { name, .. } => write!(f, "ask for {name}"),
             Self::Capture { id, cameras } => write!(f, "capture {id} with {}", names(cameras)),
         }
     }

@@ -18,6 +18,10 @@ const GRACE: f64 = 10.0;
 const PICTURE_GRACE: f64 = 30.0;
 /// Where the rig says nothing: a query and its answer.
 const ANSWER: f64 = 0.1;
+/// An answer of a person.
+const PERSON: f64 = 60.0;
+/// An operator who went home comes back.
+const DAY: f64 = 86_400.0;
 /// Where the rig says nothing: a picture of some megabytes over USB.
 const DELIVERY: f64 = 1.0;
 
@@ -105,6 +109,8 @@ impl<'a> Timing<'a> {
             Action::Read { instruments } => {
                 (instruments.iter().map(|name| self.answer(name)).sum(), GRACE)
             }
+            // A person walks over and does something.
+            Action::Prompt { .. } => (PERSON, DAY),
             Action::Capture { cameras, .. } => {
                 let slowest = cameras.iter().map(|name| self.picture(name)).fold(0.0, f64::max);
                 (slowest, PICTURE_GRACE)

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use beampose_plan::{Plan, Rig, check, plan_hash, read_plan, read_rig};
+use beampose_plan::{Plan, Rig, Rules, check, plan_hash, read_plan, read_rig};
 
 fn experiments() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../experiments")
@@ -61,12 +61,15 @@ fn deadlines_leave_room_for_the_slowest_case() {
 }
 
 #[test]
-fn the_hash_depends_on_every_step() {
+fn the_hash_depends_on_every_step_and_on_the_rules() {
     let mut steps = beampose_plan::expand(&plan(), &rig()).unwrap();
-    let whole = plan_hash(&steps);
-    assert_eq!(whole, plan_hash(&steps.clone()));
+    let usual = Rules::default();
+    let whole = plan_hash(&steps, &usual);
+    assert_eq!(whole, plan_hash(&steps.clone(), &usual));
+    let stricter = Rules { max_skew: beampose_core::units::Second(0.01), ..usual.clone() };
+    assert_ne!(whole, plan_hash(&steps, &stricter));
     steps.pop();
-    assert_ne!(whole, plan_hash(&steps));
+    assert_ne!(whole, plan_hash(&steps, &usual));
 }
 
 #[test]

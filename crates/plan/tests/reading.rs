@@ -2,7 +2,7 @@
 
 #![expect(clippy::panic, reason = "helpers of tests stop the test")]
 
-use beampose_plan::{Action, Plan, Rig, Section, Step, expand, read_plan, read_rig};
+use beampose_plan::{Action, OnError, Plan, Rig, Section, Step, expand, read_plan, read_rig};
 
 const RIG: &str = include_str!("../../../experiments/rigs/simulated.yaml");
 
@@ -131,4 +131,75 @@ fn thousands_of_faults_are_told_as_a_hundred() {
     let text = format!("steps: [{}]", "1,".repeat(20_000));
     let faults = read_plan("p", text.as_bytes()).unwrap_err();
     assert!(faults.to_string().ends_with("100 faults or more"));
+}
+
+const POLICIES: &str = "
+on_error: {retry: {times: 2, backoff: 2 s}}
+timeout: 1 h
+max_skew: 20 ms
+conditions:
+  - reading: {instrument: wavemeter, above: 657.9 nm, below: 658.1 nm}
+    for: 10 s
+    give_up: 10 min
+  - disk_free: 1 GB
+    every: 1 min
+    give_up: 1 h
+steps:
+  - prompt: {name: fixture, text: Roll the module, ask: {choice: [up, rolled]}, default: up}
+  - laser: on
+  - block:
+      - read: [wavemeter, thermometer]
+        accept: [{instrument: thermometer, below: 30 degC}]
+        timeout: 5 s
+      - capture: {cameras: all}
+        on_error: record_missing
+        run_if: {answer: fixture, is: ROLLED}
+      - wait: 1 s
+    on_error: {retry: {times: 1, then: skip}}
+    recover: [{laser: off}, {wait: 5 s}, {laser: on}]
+    timeout: 2 min
+finally: [laser: off]
+";
+
+#[test]
+fn what_a_step_says_outranks_its_block_which_outranks_the_plan() {
+    let steps = steps(POLICIES);
+    let retry = |i: usize| steps[i].policy.retry.map(|retry| (retry.times, retry.backoff.0));
+    let on_error = |i: usize| steps[i].policy.on_error;
+    assert_eq!((retry(1), on_error(1)), (Some((2, 2.0)), OnError::Abort));
+    assert_eq!((retry(2), on_error(2)), (Some((1, 1.0)), OnError::Skip));
+    assert_eq!((retry(3), on_error(3)), (None, OnError::RecordMissing));
+    let remedies: Vec<String> =
+        steps[2].policy.recover.iter().map(|remedy| remedy.action.to_string()).collect();
+    assert_eq!(remedies, ["laser off", "wait 5 s", "laser on"]);
+    // Without a retry there is nothing to recover for.
+    assert!(steps[3].policy.recover.is_empty());
+    // The plan's own time, then the block's.
+    let timeouts = |i: usize| -> Vec<(u32, f64)> {
+        steps[i].policy.within.iter().map(|bound| (bound.block, bound.timeout.0)).collect()
+    };
+    assert_eq!(timeouts(1), [(1, 3600.0)]);
+    assert_eq!(timeouts(4), [(1, 3600.0), (2, 120.0)]);
+    assert_eq!(steps[2].deadline.0, 5.0);
+    assert!(steps[5].policy.is_usual(), "`finally` has its own");
+}
+
+#[test]
+fn what_holds_for_the_whole_plan_comes_with_its_steps() {
+    let summary = beampose_plan::check(&plan(POLICIES), &rig(str::to_owned));
+    let rules = summary.unwrap_or_else(|faults| panic!("{faults}")).rules;
+    assert_eq!(rules.max_skew.0, 0.02);
+    let whats: Vec<String> = rules.conditions.iter().map(|c| c.what.to_string()).collect();
+    let expected = ["wavemeter between 657.9 and 658.1 nm", "at least 1000 MB of disk free"];
+    assert_eq!(whats, expected);
+    assert_eq!((rules.conditions[0].hold_for.0, rules.conditions[0].every.0), (10.0, 10.0));
+    assert_eq!(rules.conditions[1].every.0, 60.0);
+}
+
+#[test]
+fn an_answer_decides_in_the_form_of_the_choice() {
+    let steps = steps(POLICIES);
+    let run_if: Vec<String> = steps[3].policy.run_if.iter().map(ToString::to_string).collect();
+    assert_eq!(run_if, ["the answer to fixture is rolled"]);
+    assert_eq!(steps[0].to_string(), "ask for fixture");
 }

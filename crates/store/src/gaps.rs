@@ -45,7 +45,8 @@ impl Store {
             set_aside(&mut transaction, number, &id, *step).await.map_err(failed_to(doing))?;
         }
         sqlx::query(
-            "UPDATE sessions SET outcome = NULL, closed_utc = NULL, closed_s = NULL WHERE id = ?",
+            "UPDATE sessions SET outcome = NULL, ending = NULL, closed_utc = NULL, closed_s = NULL
+             WHERE id = ?",
         )
         .bind(&id)
         .execute(&mut *transaction)

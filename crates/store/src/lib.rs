@@ -10,10 +10,12 @@
 //!
 //! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
 
+mod disk;
 mod error;
 mod gaps;
 mod open;
 mod pictures;
+mod policies;
 mod processing;
 pub mod rows;
 mod sessions;

@@ -108,7 +108,7 @@ impl Store {
     pub async fn sessions(&self) -> Result<Vec<SessionSummary>, StoreError> {
         let rows: Vec<SummaryColumns> = sqlx::query_as(
             "SELECT s.id, s.title, s.experiment, s.opened_utc, s.opened_s, s.closed_utc,
-                s.closed_s, s.outcome, s.steps, s.seed,
+                s.closed_s, COALESCE(s.ending, s.outcome) AS outcome, s.steps, s.seed,
                 (SELECT count(*) FROM steps WHERE session = s.id) AS steps_stored,
                 (SELECT count(*) FROM captures WHERE session = s.id) AS captures,
                 (SELECT count(DISTINCT capture) FROM poses
@@ -159,7 +159,8 @@ impl Store {
     pub async fn session(&self, id: SessionId) -> Result<StoredSession, StoreError> {
         let row: Option<HeaderColumns> = sqlx::query_as(
             "SELECT title, experiment, plan_text, rig_text, measurement_json, plan_hash, origin_json, software,
-                seed, steps, opened_utc, opened_s, closed_utc, closed_s, outcome
+                seed, steps, opened_utc, opened_s, closed_utc, closed_s,
+                COALESCE(ending, outcome) AS outcome
              FROM sessions WHERE id = ?",
         )
         .bind(id.to_string())
@@ -180,7 +181,7 @@ impl Store {
     pub async fn steps(&self, session: SessionId) -> Result<Vec<StoredStep>, StoreError> {
         let rows: Vec<StepColumns> = sqlx::query_as(
             "SELECT number, label, kind, started_utc, started_s, finished_utc, finished_s,
-                outcome, reason
+                outcome, reason, handled
              FROM steps WHERE session = ? ORDER BY number",
         )
         .bind(session.to_string())
@@ -261,12 +262,16 @@ struct StepColumns {
     finished_s: f64,
     outcome: String,
     reason: Option<String>,
+    handled: Option<String>,
 }
 
 impl StepColumns {
     fn step(self) -> Result<StoredStep, StoreError> {
         let outcome = match (self.outcome.as_str(), self.reason) {
             ("done", _) => StepOutcome::Done,
+            ("failed", Some(reason)) if self.handled.is_some() => {
+                StepOutcome::PassedOver { reason }
+            }
             ("failed", Some(reason)) => StepOutcome::Failed { reason },
             ("skipped", _) => StepOutcome::Skipped,
             (other, _) => return Err(damaged("a step's outcome", other)),

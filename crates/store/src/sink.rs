@@ -2,8 +2,8 @@
 
 use async_trait::async_trait;
 use beampose_core::{
-    CaptureRecord, Event, Gap, InstrumentName, Reading, RunSink, SessionHeader, SessionId,
-    SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome, StepRecord,
+    Answer, CaptureRecord, Event, Gap, InstrumentName, Missing, Reading, RunSink, SessionHeader,
+    SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome, StepRecord,
 };
 use sqlx::{Sqlite, Transaction};
 
@@ -39,6 +39,10 @@ impl RunSink for Store {
         let what = format!("the end of session {session}");
         let closed = self.close_session(session, outcome, events, at).await;
         closed.map_err(|error| sink_error(what, &error))
+    }
+
+    fn free_bytes(&self) -> Option<u64> {
+        crate::disk::free_bytes(self.path())
     }
 }
 
@@ -92,6 +96,12 @@ impl Store {
         if let Some(capture) = &record.capture {
             rows.capture(record, capture).await?;
         }
+        for missing in &record.missing {
+            rows.missing(record.number, missing).await?;
+        }
+        if let Some(answer) = &record.answer {
+            rows.answer(record.number, answer).await?;
+        }
         for event in &record.events {
             rows.event(Some(record.number), event).await?;
         }
@@ -111,11 +121,20 @@ impl Store {
         for event in events {
             rows.event(None, event).await?;
         }
+        let (word, ending) = match outcome {
+            SessionOutcome::Stopped | SessionOutcome::Halted => {
+                (SessionOutcome::Aborted.as_str(), Some(outcome.as_str()))
+            }
+            SessionOutcome::Completed | SessionOutcome::Aborted | SessionOutcome::Error => {
+                (outcome.as_str(), None)
+            }
+        };
         let closed = sqlx::query(
-            "UPDATE sessions SET outcome = ?, closed_utc = ?, closed_s = ?
+            "UPDATE sessions SET outcome = ?, ending = ?, closed_utc = ?, closed_s = ?
              WHERE id = ? AND outcome IS NULL",
         )
-        .bind(outcome.as_str())
+        .bind(word)
+        .bind(ending)
         .bind(at.utc.to_string())
         .bind(at.monotonic.as_secs_f64())
         .bind(session.to_string())
@@ -132,20 +151,22 @@ impl Store {
 
 impl Rows<'_> {
     async fn step(&mut self, record: &StepRecord) -> Result<(), StoreError> {
-        let (outcome, reason) = match &record.outcome {
-            StepOutcome::Done => ("done", None),
-            StepOutcome::Failed { reason } => ("failed", Some(reason)),
-            StepOutcome::Skipped => ("skipped", None),
+        let (outcome, reason, handled) = match &record.outcome {
+            StepOutcome::Done => ("done", None, None),
+            StepOutcome::Failed { reason } => ("failed", Some(reason), None),
+            StepOutcome::PassedOver { reason } => ("failed", Some(reason), Some("passed_over")),
+            StepOutcome::Skipped => ("skipped", None, None),
         };
         let stored = sqlx::query(
             "INSERT INTO steps (session, number, label, kind, started_utc, started_s,
-                finished_utc, finished_s, outcome, reason)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                finished_utc, finished_s, outcome, reason, handled)
+             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
              ON CONFLICT (session, number) DO UPDATE SET
                 label = excluded.label, kind = excluded.kind,
                 started_utc = excluded.started_utc, started_s = excluded.started_s,
                 finished_utc = excluded.finished_utc, finished_s = excluded.finished_s,
-                outcome = excluded.outcome, reason = excluded.reason
+                outcome = excluded.outcome, reason = excluded.reason,
+                handled = excluded.handled
              -- Only what is kept as an earlier attempt, and not yet done again.
              WHERE EXISTS (SELECT 1 FROM attempts a WHERE a.session = steps.session
                 AND a.step = steps.number AND a.finished_s = steps.finished_s)",
@@ -160,6 +181,7 @@ impl Rows<'_> {
         .bind(record.finished.monotonic.as_secs_f64())
         .bind(outcome)
         .bind(reason)
+        .bind(handled)
         .execute(&mut **self.transaction)
         .await
         .map_err(failed_to(self.doing))?;
@@ -189,6 +211,35 @@ impl Rows<'_> {
         .bind(reading.standard_uncertainty)
         .bind(reading.at.utc.to_string())
         .bind(reading.at.monotonic.as_secs_f64())
+        .execute(&mut **self.transaction)
+        .await
+        .map_err(failed_to(self.doing))?;
+        Ok(())
+    }
+
+    async fn missing(&mut self, step: StepNumber, missing: &Missing) -> Result<(), StoreError> {
+        sqlx::query(
+            "INSERT INTO missing_values (session, step, instrument, reason) VALUES (?, ?, ?, ?)",
+        )
+        .bind(&self.session)
+        .bind(step.0)
+        .bind(missing.instrument.as_str())
+        .bind(&missing.reason)
+        .execute(&mut **self.transaction)
+        .await
+        .map_err(failed_to(self.doing))?;
+        Ok(())
+    }
+
+    async fn answer(&mut self, step: StepNumber, answer: &Answer) -> Result<(), StoreError> {
+        sqlx::query(
+            "INSERT INTO answers (session, step, name, value, given_by) VALUES (?, ?, ?, ?, ?)",
+        )
+        .bind(&self.session)
+        .bind(step.0)
+        .bind(&answer.name)
+        .bind(&answer.value)
+        .bind(&answer.by)
         .execute(&mut **self.transaction)
         .await
         .map_err(failed_to(self.doing))?;

@@ -149,6 +149,8 @@ fn step(
             readings: capture.readings.clone(),
             pictures,
         }),
+        missing: Vec::new(),
+        answer: None,
         events: Vec::new(),
     })
 }

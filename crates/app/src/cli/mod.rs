@@ -11,6 +11,7 @@ mod score;
 pub mod sessions;
 pub mod solve;
 mod targets;
+mod tell;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -43,7 +44,8 @@ Exit codes:
   0  done; a verdict, if there is one, is pass or inconclusive
   1  done; the verdict is fail
   2  the command line, the plan, the rig or another input is at fault; nothing was done
-  3  the session was aborted (Ctrl-C, SIGTERM); the laser is off, what was acquired is kept
+  3  the session was stopped, aborted or halted (Ctrl-C, SIGTERM, `tell`); the laser is off, what
+     was acquired is kept
   4  an instrument, the store or the program failed; what was acquired is kept
 
 First steps (no hardware needed):
@@ -57,6 +59,7 @@ First steps (no hardware needed):
 enum Command {
     Run(run::Run),
     Resume(resume::Resume),
+    Tell(tell::Tell),
     Check(check::Check),
     Sessions(sessions::Sessions),
     Import(import::Import),
@@ -163,6 +166,7 @@ pub fn main() -> ExitCode {
         Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Resume(resume) => with_runtime(resume.execute()),
+        Command::Tell(tell) => with_runtime(tell.execute()),
         Command::Sessions(sessions) => with_runtime(sessions.execute()),
         Command::Import(import) => with_runtime(import.execute()),
         Command::Export(export) => with_runtime(export.execute()),

@@ -66,9 +66,11 @@ impl Resume {
             complain(&format!("session {id}: all steps are done; its captures are solved"));
             return conduct::finish(store, (id, lock), outcome, &methods, &self.shown).await;
         }
-        let done = done_steps(&checked.summary.steps, &steps);
-        refuse_other_steps(&checked, &steps, &done)?;
-        let session = prepare(&store, &stored, steps, checked, done).await?;
+        let earlier = behind(&checked.summary.steps, &steps);
+        refuse_other_steps(&checked, &steps, &earlier)?;
+        let answers = self.shown.read_answers()?;
+        let session =
+            Session { answers, ..prepare(&store, &stored, steps, checked, earlier).await? };
         self.refuse_changes(&stored, &session)?;
         if let Some((_, gap)) = &session.earlier {
             tell(&session, gap);
@@ -131,11 +133,11 @@ impl Resume {
 fn refuse_other_steps(
     checked: &Checked,
     steps: &[StoredStep],
-    done: &BTreeSet<StepNumber>,
+    earlier: &Earlier,
 ) -> Result<(), Ended> {
     let by_number: BTreeMap<StepNumber, &Step> =
         checked.summary.steps.iter().map(|step| (step.number, step)).collect();
-    for step in steps.iter().filter(|step| done.contains(&step.number)) {
+    for step in steps.iter().filter(|step| earlier.is_behind(step.number)) {
         let now = by_number.get(&step.number).map(ToString::to_string);
         if now.as_deref() != Some(step.label.as_str()) {
             return Err(Ended::input(format!(
@@ -163,12 +165,19 @@ async fn is_solved(store: &Store, id: SessionId, methods: &[Method]) -> Result<b
     }))
 }
 
-/// The main steps that are done and stored.
-fn done_steps(steps: &[Step], stored: &[StoredStep]) -> BTreeSet<StepNumber> {
+/// The main steps that need not be done again, as they are stored.
+fn behind(steps: &[Step], stored: &[StoredStep]) -> Earlier {
     let main = steps.iter().filter(|step| step.section == Section::Main).map(|step| step.number);
     let main: BTreeSet<StepNumber> = main.collect();
-    let done = stored.iter().filter(|step| step.outcome == StepOutcome::Done);
-    done.map(|step| step.number).filter(|number| main.contains(number)).collect()
+    let mut earlier = Earlier::default();
+    for step in stored.iter().filter(|step| main.contains(&step.number)) {
+        if step.outcome == StepOutcome::Done {
+            earlier.done.insert(step.number);
+        } else if step.outcome.is_settled() {
+            earlier.passed.insert(step.number);
+        }
+    }
+    earlier
 }
 
 async fn prepare(
@@ -176,10 +185,11 @@ async fn prepare(
     stored: &StoredSession,
     steps: Vec<StoredStep>,
     checked: Checked,
-    done: BTreeSet<StepNumber>,
+    mut earlier: Earlier,
 ) -> Result<Session, Ended> {
     let id = stored.header.id;
-    let mut earlier = Earlier { done, ..Earlier::default() };
+    let answers = store.answers(id).await?;
+    earlier.answers = answers.into_iter().map(|(_, answer)| (answer.name, answer.value)).collect();
     for row in store.readings(id).await? {
         if earlier.done.contains(&row.step) {
             let of_step = earlier.readings.entry(row.step).or_default();
@@ -202,12 +212,13 @@ async fn prepare(
         stopped,
         resumed: laboratory.clock.shared().now(),
         reason: stored.outcome.map_or("the program died", |o| o.as_str()).to_owned(),
-        redone: steps.iter().map(|s| s.number).filter(|n| !earlier.done.contains(n)).collect(),
+        redone: steps.iter().map(|s| s.number).filter(|n| !earlier.is_behind(*n)).collect(),
         restored: restored.iter().map(ToString::to_string).collect(),
     };
     let captures = captures.into_iter().map(|capture| capture.id).collect();
     let header = stored.header.clone();
-    Ok(Session { checked, laboratory, header, earlier: Some((earlier, gap)), captures })
+    let (earlier, answers) = (Some((earlier, gap)), crate::operator::Answers::new());
+    Ok(Session { checked, laboratory, header, earlier, captures, answers })
 }
 
 /// When the last thing that is known of a session happened.
@@ -220,7 +231,7 @@ fn last_known(stored: &StoredSession, steps: &[StoredStep]) -> Stamp {
 fn tell(session: &Session, gap: &Gap) {
     let steps = &session.checked.summary.steps;
     let next = steps.iter().find(|step| {
-        session.earlier.as_ref().is_some_and(|(earlier, _)| !earlier.done.contains(&step.number))
+        session.earlier.as_ref().is_some_and(|(earlier, _)| !earlier.is_behind(step.number))
     });
     complain(&format!("session {}: {} at {}", session.header.id, gap.reason, gap.stopped.utc));
     for restored in &gap.restored {

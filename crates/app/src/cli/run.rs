@@ -17,8 +17,9 @@ use crate::wiring::{self, Before, Laboratory};
 /// Run a plan on a rig, solve while it runs, analyse and report
 ///
 /// Everything that is acquired goes into the database, one durable transaction a step; each capture
-/// is solved while the run goes on. Ctrl-C stops at the next step: laser off first, `finally` runs,
-/// the session closes as aborted and what it has is kept; `beampose resume` goes on with it.
+/// is solved while the run goes on. Ctrl-C pauses before the next step (Enter, or `beampose tell
+/// SESSION go-on`, lets it go on), twice pauses now, three times aborts: laser off first, `finally`
+/// runs, what it has is kept; `beampose resume` goes on with it. SIGTERM and SIGHUP abort.
 #[derive(clap::Args)]
 pub struct Run {
     /// The plan, a YAML file
@@ -47,9 +48,11 @@ impl Run {
         let origin = Origin::of(&self.plan, &checked, self.overrides)?;
         let header = header(&checked, &laboratory, &origin)?;
         self.shown.folder(header.id)?;
+        let answers = self.shown.read_answers()?;
         let store = self.database.open().await?;
         let lock = SessionLock::take(store.path(), header.id).map_err(Ended::input)?;
-        let session = Session { checked, laboratory, header, earlier: None, captures: Vec::new() };
+        let (earlier, captures) = (None, Vec::new());
+        let session = Session { checked, laboratory, header, earlier, captures, answers };
         session.conduct(store, lock, &self.shown).await
     }
 }

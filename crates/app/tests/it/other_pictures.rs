@@ -50,6 +50,8 @@ async fn step(from: &Store, id: SessionId, capture: &StoredCapture) -> StepRecor
             readings: capture.readings.clone(),
             pictures,
         }),
+        missing: Vec::new(),
+        answer: None,
         events: Vec::new(),
     }
 }

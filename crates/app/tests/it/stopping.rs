@@ -20,17 +20,33 @@ fn wait_for_captures(lab: &Lab, wanted: u64) {
     panic!("no {wanted} captures within a minute");
 }
 
+/// Sends the program a signal.
 #[cfg(unix)]
-#[track_caller]
-fn a_signal_stops_tidily(signal: &str, reason: &str) {
-    let lab = Lab::new();
+fn signal(run: &std::process::Child, signal: &str) {
+    let kill = format!("kill -{signal} {}", run.id());
+    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
+/// A run that has taken two captures of sixty.
+fn begun(lab: &Lab) -> std::process::Child {
     let full = experiments().join("plans/translation-test.yaml");
     let mut command = lab.command();
     command.arg("run").arg(full).args(["--picture-scale", SCALE, "--json", "--out", "report"]);
     let run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    wait_for_captures(&lab, 2);
-    let kill = format!("kill -{signal} {}", run.id());
-    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    wait_for_captures(lab, 2);
+    run
+}
+
+#[cfg(unix)]
+#[track_caller]
+fn a_signal_stops_tidily(name: &str, times: usize, reason: &str) {
+    let lab = Lab::new();
+    let run = begun(&lab);
+    for _ in 0..times {
+        signal(&run, name);
+        // Two signals at the same instant are one.
+        std::thread::sleep(Duration::from_millis(30));
+    }
     let ended = Ended::of(&run.wait_with_output().unwrap()).expect_code(3);
     let last = ended.json_lines().pop().unwrap();
     assert_eq!((&last["outcome"], &last["verdict"]), (&"aborted".into(), &"aborted".into()));
@@ -57,14 +73,102 @@ fn a_signal_stops_tidily(signal: &str, reason: &str) {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_stops_a_run_with_the_laser_off_and_keeps_what_it_has() {
-    a_signal_stops_tidily("INT", "Ctrl-C");
+fn ctrl_c_three_times_aborts_with_the_laser_off_and_keeps_what_it_has() {
+    a_signal_stops_tidily("INT", 3, "Ctrl-C");
 }
 
 #[cfg(unix)]
 #[test]
-fn sigterm_stops_a_run_with_the_laser_off_and_keeps_what_it_has() {
-    a_signal_stops_tidily("TERM", "SIGTERM");
+fn sigterm_aborts_a_run_with_the_laser_off_and_keeps_what_it_has() {
+    a_signal_stops_tidily("TERM", 1, "SIGTERM");
+}
+
+/// Waits until a run takes no more captures; how many it has. The event of a pause is stored with
+/// the step that follows it.
+fn wait_until_still(lab: &Lab) -> u64 {
+    let captures = || {
+        let listed = lab.beampose(&["sessions", "--json"]);
+        listed.json_lines().iter().filter_map(|line| line["captures"].as_u64()).max().unwrap()
+    };
+    let end = Instant::now() + Duration::from_secs(60);
+    let mut before = captures();
+    while Instant::now() < end {
+        std::thread::sleep(Duration::from_millis(1500));
+        let now = captures();
+        if now == before {
+            return now;
+        }
+        before = now;
+    }
+    panic!("the run did not pause");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_once_pauses_and_a_word_from_elsewhere_lets_the_run_go_on_to_its_end() {
+    let lab = Lab::new();
+    let run = begun(&lab);
+    signal(&run, "INT");
+    let still = wait_until_still(&lab);
+    assert!((2..60).contains(&still), "{still} captures");
+    lab.beampose(&["tell", "latest", "go-on"]).expect_code(0);
+    let ended = Ended::of(&run.wait_with_output().unwrap()).expect_code(0);
+    assert!(ended.err.contains("paused, everything is safe: Ctrl-C"), "{}", ended.err);
+    let last = ended.json_lines().pop().unwrap();
+    assert_eq!((&last["outcome"], &last["captures"]), (&"completed".into(), &60.into()));
+    let shown = lab.beampose(&["sessions", "latest", "--json"]).expect_code(0).json();
+    let events = shown["events"].as_array().unwrap();
+    let at = |kind: &str| events.iter().position(|event| event["kind"] == kind).unwrap();
+    assert!(at("paused") < at("continued"));
+    let between: Vec<_> = events[at("paused")..].iter().map(|e| &e["kind"]).collect();
+    assert!(between.contains(&&"laser_on".into()), "lit again: {between:?}");
+    // Nobody runs it any more: there is nobody to tell.
+    let late = lab.beampose(&["tell", "latest", "pause"]).expect_code(2);
+    assert!(late.err.contains("no program runs session"), "{}", late.err);
+}
+
+#[test]
+fn a_run_that_is_told_to_stop_or_to_halt_says_so_and_can_be_resumed() {
+    for (word, outcome) in [("stop", "stopped"), ("halt", "halted")] {
+        let lab = Lab::new();
+        let run = begun(&lab);
+        lab.beampose(&["tell", "latest", word]).expect_code(0);
+        let ended = Ended::of(&run.wait_with_output().unwrap()).expect_code(3);
+        let last = ended.json_lines().pop().unwrap();
+        assert_eq!((&last["outcome"], &last["verdict"]), (&outcome.into(), &"aborted".into()));
+        let resumed = lab.beampose(&["resume", "--json", "--out", "report"]).expect_code(0);
+        assert_eq!(resumed.json_lines().pop().unwrap()["captures"], 60);
+    }
+}
+
+#[test]
+fn a_plan_that_asks_goes_by_a_file_of_answers() {
+    let lab = Lab::new();
+    let ask = "\nsteps:\n  - prompt: {name: operator, text: Who are you?, ask: {text: name}}\n  \
+               - prompt: {name: warm, text: Is the laser warm?}\n  \
+               - wait: 1 s\n    run_if: {answer: warm, is: no}\n";
+    let text = crate::lab::replaced(&plan(1, 100, 100), "\nsteps:\n", ask);
+    lab.write("asks.yaml", &text);
+    let run = ["run", "asks.yaml", "--rig", &crate::lab::rig(), "--picture-scale", SCALE];
+    // Nobody is there: the first question fails, and says what to do.
+    let nobody = lab.beampose(&[&run[..], &["--out", "report"]].concat()).expect_code(4);
+    assert!(nobody.err.contains("there is nobody to ask"), "{}", nobody.err);
+    lab.write("answers.yaml", "operator: 'Jean d''Arc; DROP TABLE answers'\nwarm: true\n");
+    let with = [&run[..], &["--out", "report", "--answers", "answers.yaml"]].concat();
+    lab.beampose(&with).expect_code(0);
+    let shown = lab.beampose(&["sessions", "latest", "--json"]).expect_code(0).json();
+    let events = shown["events"].as_array().unwrap();
+    let said: Vec<_> = events.iter().filter(|e| e["kind"] == "answered").collect();
+    assert_eq!(said[0]["message"], "operator: Jean d'Arc; DROP TABLE answers (answers file)");
+    assert_eq!(said[1]["message"], "warm: yes (answers file)");
+    lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        let answers = store.answers(id).await.unwrap();
+        assert_eq!(answers.len(), 2);
+        assert_eq!(answers[1].1.value, "yes");
+        let steps = store.steps(id).await.unwrap();
+        assert_eq!(steps[2].outcome, beampose_core::StepOutcome::Skipped);
+    });
 }
 
 #[test]

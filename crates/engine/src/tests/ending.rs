@@ -3,7 +3,9 @@
 use beampose_core::{EventKind, SessionOutcome, StepNumber, StepOutcome};
 
 use super::fakes::*;
-use crate::{AbortHandle, Bench, EngineError, Observers, RealClock, Surroundings, run};
+use beampose_plan::Rules;
+
+use crate::{Bench, Control, EngineError, Nobody, Observers, RealClock, Surroundings, Wish, run};
 
 #[test]
 fn a_failing_step_runs_finally_with_the_laser_off() {
@@ -52,7 +54,7 @@ fn a_hung_instrument_hits_its_deadline_and_is_named() {
 #[test]
 fn an_abort_in_the_middle_of_a_long_wait_ends_it_at_once() {
     let mut lab = Lab::new();
-    lab.abort_after = Some(100);
+    lab.wishes = vec![(100, Wish::Abort)];
     let mut steps = plan([laser_on(), wait(5000.0), capture("p000")], [rail(0.0)]);
     steps[1].deadline = beampose_core::units::Second(6000.0);
     let summary = lab.run(&steps).unwrap();
@@ -74,7 +76,7 @@ fn an_abort_in_the_middle_of_a_long_wait_ends_it_at_once() {
 #[test]
 fn an_abort_during_the_emission_delay_switches_off() {
     let mut lab = Lab::new();
-    lab.abort_after = Some(2);
+    lab.wishes = vec![(2, Wish::Abort)];
     assert_eq!(lab.outcome(&plan([laser_on(), capture("p000")], [])), SessionOutcome::Aborted);
     assert_eq!(lab.seconds(), 2.0);
     let emit = lab.log.place("laser emit");
@@ -84,7 +86,7 @@ fn an_abort_during_the_emission_delay_switches_off() {
 #[test]
 fn an_abort_during_a_move_switches_off_then_stops_the_axis() {
     let mut lab = Lab::new();
-    lab.abort_after = Some(1);
+    lab.wishes = vec![(1, Wish::Abort)];
     assert_eq!(lab.outcome(&plan([rail(10.0)], [])), SessionOutcome::Aborted);
     let moved = lab.log.place("rail to 10");
     assert_eq!(lab.log.lines()[moved + 1..moved + 3], ["laser off", "rail stop"]);
@@ -93,7 +95,7 @@ fn an_abort_during_a_move_switches_off_then_stops_the_axis() {
 #[test]
 fn an_abort_during_a_capture_keeps_the_capture() {
     let mut lab = Lab::new();
-    lab.abort_after = Some(1);
+    lab.wishes = vec![(1, Wish::Abort)];
     let steps = plan([capture("p000"), capture("p001")], []);
     assert_eq!(lab.outcome(&steps), SessionOutcome::Aborted);
     assert_eq!(lab.stored(), [1]);
@@ -103,7 +105,7 @@ fn an_abort_during_a_capture_keeps_the_capture() {
 #[test]
 fn an_abort_before_the_start_runs_no_main_step() {
     let lab = Lab::new();
-    lab.abort.request("supervisor");
+    lab.control.request(Wish::Abort, "supervisor");
     assert_eq!(lab.outcome(&plan([rail(10.0)], [rail(0.0)])), SessionOutcome::Aborted);
     assert_eq!(lab.stored(), [2]);
 }
@@ -111,7 +113,7 @@ fn an_abort_before_the_start_runs_no_main_step() {
 #[test]
 fn finally_is_not_cut_short_by_an_abort() {
     let mut lab = Lab::new();
-    lab.abort_after = Some(5);
+    lab.wishes = vec![(5, Wish::Abort)];
     let steps = plan([wait(1.0)], [wait(30.0), rail(0.0)]);
     assert_eq!(lab.outcome(&steps), SessionOutcome::Completed);
     assert_eq!(lab.seconds(), 34.0);
@@ -156,18 +158,21 @@ fn a_session_that_cannot_be_closed_is_an_error_with_the_summary() {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_abort_from_another_thread_ends_a_wait_in_real_time() {
     let (bench, sink, observers) = (Bench::default(), Memory::default(), Observers::none());
-    let (clock, abort) = (RealClock::start(), AbortHandle::new());
+    let (clock, control, rules) = (RealClock::start(), Control::new(), Rules::default());
     let around = Surroundings {
         bench: &bench,
         sink: &sink,
         observers: &observers,
         clock: &clock,
-        abort: &abort,
+        control: &control,
+        operator: &Nobody,
+        rules: &rules,
+        store_patience: std::time::Duration::ZERO,
     };
-    let elsewhere = abort.clone();
+    let elsewhere = control.clone();
     std::thread::spawn(move || {
         std::thread::sleep(std::time::Duration::from_millis(50));
-        elsewhere.request("Ctrl-C");
+        elsewhere.request(Wish::Abort, "Ctrl-C");
     });
     let steps = plan([wait(50.0)], []);
     let summary = run(&steps, &header(&steps), &around).await.unwrap();

@@ -1,20 +1,24 @@
 //! A laboratory of fakes: each writes what it does into one log, so that tests see the order.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use async_trait::async_trait;
-use beampose_core::instrument::AxisUnit;
+use beampose_core::instrument::{AxisUnit, ByHand};
 use beampose_core::units::Second;
 use beampose_core::{
     Axis, Camera, Clock, Emission, Event, EventKind, Frame, Gap, Identity, Instrument,
-    InstrumentError, InstrumentName, Laser, Quantity, Reading, RunSink, Sensor, SessionHeader,
-    SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepRecord, VirtualClock,
+    InstrumentError, InstrumentName, Interlock, Laser, Quantity, Reading, RunSink, Sensor,
+    SessionHeader, SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepRecord,
+    VirtualClock,
 };
-use beampose_plan::{Action, Section, Step};
+use beampose_plan::{Action, Policy, Rules, Section, Step};
 
-use crate::{AbortHandle, Bench, EngineError, Observers, RunSummary, Surroundings, run};
+use crate::{
+    Bench, Control, EngineError, Nobody, Observers, Operator, RunSummary, Surroundings, Wish, run,
+};
 
 #[derive(Clone, Default)]
 pub struct Log(Arc<Mutex<Vec<String>>>);
@@ -52,6 +56,16 @@ pub enum Fault {
     Hangs,
     /// It refuses its work.
     Fails,
+    /// It refuses its work so many times.
+    FailsAtFirst(u32),
+    /// Its interlock is open from the first second to the second.
+    InterlockOpen(u64, u64),
+    /// A sensor that reads one more from the first second to the second.
+    ReadsHigh(u64, u64),
+    /// A camera whose trigger goes out 80 ms late so many times.
+    TriggersLate(u32),
+    /// An axis that somebody moves: there after a minute, on the way before.
+    ByHand,
     /// Its work panics.
     Panics,
     /// It does not say who it is.
@@ -76,13 +90,19 @@ pub struct Fake {
     clock: VirtualClock,
     fault: Fault,
     state: Mutex<(Emission, f64)>,
+    calls: AtomicU32,
 }
 
 impl Fake {
     fn new(name: &'static str, lab: &Lab) -> Self {
         let fault = lab.faults.get(name).copied().unwrap_or_default();
         let state = Mutex::new((Emission::Off, 0.0));
-        Self { name, log: lab.log.clone(), clock: lab.clock.clone(), fault, state }
+        let (log, clock, calls) = (lab.log.clone(), lab.clock.clone(), AtomicU32::new(0));
+        Self { name, log, clock, fault, state, calls }
+    }
+
+    fn is_between(&self, from: u64, to: u64) -> bool {
+        (from..to).contains(&self.clock.now().monotonic.as_secs())
     }
 
     async fn work(&self, what: &str, takes: u64) -> Result<(), InstrumentError> {
@@ -90,6 +110,9 @@ impl Fake {
         match self.fault {
             Fault::Hangs => std::future::pending().await,
             Fault::Fails => return Err(InstrumentError::Fault("out of order".to_owned())),
+            Fault::FailsAtFirst(times) if self.calls.fetch_add(1, Ordering::Relaxed) < times => {
+                return Err(InstrumentError::Fault("out of order".to_owned()));
+            }
             Fault::Panics => panic!("driver of {}", self.name),
             _ => {}
         }
@@ -98,7 +121,11 @@ impl Fake {
     }
 
     fn reading(&self, quantity: Quantity, value: f64) -> Reading {
-        let value = if self.fault == Fault::ReadsNan { f64::NAN } else { value };
+        let value = match self.fault {
+            Fault::ReadsNan => f64::NAN,
+            Fault::ReadsHigh(from, to) if self.is_between(from, to) => value + 1.0,
+            _ => value,
+        };
         Reading { quantity, value, standard_uncertainty: None, at: self.clock.now() }
     }
 }
@@ -116,12 +143,19 @@ impl Instrument for Fake {
 #[async_trait]
 impl Axis for Fake {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+        if self.fault == Fault::ByHand {
+            return Ok(());
+        }
         self.work(&format!("to {target}"), 3).await?;
         self.state.lock().unwrap().1 = target + 0.25;
         Ok(())
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
+        if self.fault == Fault::ByHand {
+            let on_the_way = self.clock.now().monotonic.as_secs_f64() / 60.0;
+            return Ok(self.reading(Quantity::Position, 10.0 * on_the_way.min(1.0)));
+        }
         let (value, quantity) = (
             self.state.lock().unwrap().1,
             match self.unit() {
@@ -135,6 +169,11 @@ impl Axis for Fake {
     async fn stop(&self) -> Result<(), InstrumentError> {
         self.log.write(format!("{} stop", self.name));
         Ok(())
+    }
+
+    fn by_hand(&self) -> Option<ByHand> {
+        let by_hand = ByHand { tolerance: 0.05, still_for: Duration::from_secs(2) };
+        (self.fault == Fault::ByHand).then_some(by_hand)
     }
 
     fn unit(&self) -> AxisUnit {
@@ -168,10 +207,21 @@ impl Laser for Fake {
         }
     }
 
+    fn interlock(&self) -> Option<&dyn Interlock> {
+        Some(self)
+    }
+
     fn off_without_waiting(&self) {
         self.log.write(format!("{} off without waiting", self.name));
         assert!(self.fault != Fault::LastResortPanics, "driver of {}", self.name);
         self.state.lock().unwrap().0 = Emission::Off;
+    }
+}
+
+#[async_trait]
+impl Interlock for Fake {
+    async fn is_closed(&self) -> Result<bool, InstrumentError> {
+        Ok(!matches!(self.fault, Fault::InterlockOpen(from, to) if self.is_between(from, to)))
     }
 }
 
@@ -193,7 +243,16 @@ impl Camera for Fake {
         Ok(())
     }
 
+    async fn disarm(&self) -> Result<(), InstrumentError> {
+        self.log.write(format!("{} disarm", self.name));
+        Ok(())
+    }
+
     async fn trigger(&self) -> Result<Frame, InstrumentError> {
+        if matches!(self.fault, Fault::TriggersLate(times) if self.calls.fetch_add(1, Ordering::Relaxed) < times)
+        {
+            self.clock.sleep(Duration::from_millis(80)).await;
+        }
         let requested = self.clock.now();
         self.work("trigger", 2).await?;
         let bytes = self.name.as_bytes().to_vec();
@@ -206,15 +265,20 @@ impl Camera for Fake {
 pub struct Memory {
     pub log: Log,
     pub fails_at: Option<u32>,
+    /// After so many failures it works again.
+    pub recovers_after: Option<u32>,
+    failures: AtomicU32,
     pub records: Mutex<Vec<StepRecord>>,
     pub closed: Mutex<Option<(SessionOutcome, Vec<Event>)>>,
 }
 
 impl Memory {
     fn fails(&self, step: u32) -> Result<(), SinkError> {
-        if self.fails_at != Some(step) {
+        let failed = self.failures.load(Ordering::Relaxed);
+        if self.fails_at != Some(step) || self.recovers_after.is_some_and(|n| failed >= n) {
             return Ok(());
         }
+        self.failures.fetch_add(1, Ordering::Relaxed);
         Err(SinkError { what: format!("step {step}"), reason: "disk full".to_owned() })
     }
 }
@@ -258,8 +322,12 @@ pub struct Lab {
     pub faults: BTreeMap<&'static str, Fault>,
     pub sink: Memory,
     pub observers: Observers,
-    pub abort: AbortHandle,
-    pub abort_after: Option<u64>,
+    pub control: Control,
+    pub operator: Box<dyn Operator>,
+    pub rules: Rules,
+    pub store_patience: Duration,
+    /// Wishes, each so many seconds after the start.
+    pub wishes: Vec<(u64, Wish)>,
     pub dropped_after: Option<u64>,
 }
 
@@ -274,8 +342,11 @@ impl Lab {
             log,
             faults: BTreeMap::new(),
             observers: Observers::none(),
-            abort: AbortHandle::new(),
-            abort_after: None,
+            control: Control::new(),
+            operator: Box::new(Nobody),
+            rules: Rules::default(),
+            store_patience: Duration::ZERO,
+            wishes: Vec::new(),
             dropped_after: None,
         }
     }
@@ -317,7 +388,10 @@ impl Lab {
             sink: &self.sink,
             observers: &self.observers,
             clock,
-            abort: &self.abort,
+            control: &self.control,
+            operator: &*self.operator,
+            rules: &self.rules,
+            store_patience: self.store_patience,
         };
         let header = header(steps);
         let running = async {
@@ -325,9 +399,10 @@ impl Lab {
             beampose_core::clock::within(clock, limit, run(steps, &header, &around)).await.ok()
         };
         let operator = async {
-            if let Some(seconds) = self.abort_after {
-                clock.sleep(Duration::from_secs(seconds)).await;
-                self.abort.request("Ctrl-C");
+            for (at, wish) in &self.wishes {
+                let at = Duration::from_secs(*at);
+                clock.sleep(at.saturating_sub(clock.now().monotonic)).await;
+                self.control.request(*wish, "Ctrl-C");
             }
         };
         let both = async { futures::future::join(running, operator).await.0 };
@@ -363,6 +438,13 @@ impl Lab {
 
     pub fn kinds(&self) -> Vec<EventKind> {
         self.events().iter().map(|event| event.kind).collect()
+    }
+
+    /// Whether the last thing that a laser was told is "off"; `None` if it was never told anything.
+    pub fn run_ended_dark(&self) -> Option<bool> {
+        let lines = self.log.lines();
+        let last = lines.iter().rfind(|line| line.starts_with("laser "))?;
+        Some(last == "laser off")
     }
 
     pub fn seconds(&self) -> f64 {
@@ -403,6 +485,7 @@ pub fn plan(
             action,
             deadline: Second(60.0),
             expected: Second(1.0),
+            policy: Policy::default(),
         })
         .collect()
 }

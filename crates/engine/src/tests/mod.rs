@@ -4,4 +4,7 @@ mod acquiring;
 mod ending;
 pub(crate) mod fakes;
 mod lasers;
+mod machine;
 mod onlookers;
+mod policies;
+mod stopping;

@@ -16,7 +16,10 @@ impl Observer for Names {
         let name = match notice {
             Notice::Opened(_) => "opened",
             Notice::StepStarted(_) => "started",
-            Notice::Event(_) => return,
+            Notice::Event(_)
+            | Notice::Paused { .. }
+            | Notice::Continued
+            | Notice::ByHand { .. } => return,
             Notice::StepDone(record) => {
                 assert!(record.capture.is_none(), "pictures do not go to displays");
                 "done"

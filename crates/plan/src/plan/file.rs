@@ -7,6 +7,7 @@ use beampose_core::units::{Millimetre, Second};
 use schemars::{Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 
+use super::policy::{ConditionFile, OnErrorFile, PromptFile, StepEntry};
 use crate::fault::At;
 use crate::quantity::AxisPosition;
 use crate::reader::{Maybe, Needed, Parameters, Read, Reader, fraction, positive};
@@ -30,9 +31,19 @@ record! {
         /// Named quantities that steps refer to as `$name`.
         parameters: Parameters,
         /// What is done, in this order.
-        steps: Needed<Vec<At<StepFile>>>,
+        steps: Needed<Vec<At<StepEntry>>>,
         /// What is done however the steps ended: laser off, axes home.
-        finally: Option<Vec<At<StepFile>>>,
+        finally: Option<Vec<At<StepEntry>>>,
+        /// What must hold before each step; the run waits for it.
+        conditions: Option<Vec<At<ConditionFile>>>,
+        /// What becomes of an error, where a step says nothing else.
+        on_error: Option<At<OnErrorFile>>,
+        /// What is done before each retry, where a step says nothing else.
+        recover: Option<Vec<At<StepFile>>>,
+        /// After this time the plan has failed.
+        timeout: Option<At<Second>>,
+        /// How far apart the triggers of a capture's cameras may be; without it 50 ms.
+        max_skew: Option<Second> => positive,
         /// With which methods the poses are found.
         solve: Option<At<SolveFile>>,
         /// What is made of the poses.
@@ -65,6 +76,10 @@ choice! {
         "read" => Read(Vec<At<InstrumentName>>),
         /// Triggers cameras together.
         "capture" => Capture(CaptureFile),
+        /// Asks the operator.
+        "prompt" => Prompt(PromptFile),
+        /// Does the steps inside: what stands beside it holds for all of them.
+        "block" => Block(Vec<At<StepEntry>>),
         /// Does the steps inside several times.
         "repeat" => Repeat(RepeatFile),
         /// Moves an axis from value to value and does the steps inside at each.
@@ -149,7 +164,7 @@ record! {
         /// What the turns are called; they count from 1 and stand with every capture.
         name as "as": Option<At<String>>,
         /// What is done in each.
-        steps: Needed<Vec<At<StepFile>>>,
+        steps: Needed<Vec<At<StepEntry>>>,
     }
 }
 
@@ -167,7 +182,7 @@ record! {
         /// The values themselves, in this order.
         values: Maybe<At<Vec<At<AxisPosition>>>>,
         /// What is done at each.
-        steps: Needed<Vec<At<StepFile>>>,
+        steps: Needed<Vec<At<StepEntry>>>,
     }
 }
 

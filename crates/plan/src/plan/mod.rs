@@ -1,17 +1,22 @@
 //! The plan: as written in [`mod@file`], as understood here. Only [`read_plan`] makes one.
 
 pub mod file;
+mod policies;
+pub mod policy;
 mod sweep;
 mod validate;
 
-use beampose_core::InstrumentName;
 use beampose_core::units::Second;
+use beampose_core::{InstrumentName, Quantity};
 use serde::Serialize;
+
+use policy::PatienceFile;
 
 pub use file::{Experiment, Limits, Method, PlanFile, Switch};
 pub(crate) use validate::axis_key;
 
 use crate::fault::{AsRead, At, Fault, Faults, Mark, Source};
+use crate::policy::{Asks, OnError, Retry};
 use crate::quantity::AxisPosition;
 
 /// The version of the plan format that this program reads.
@@ -34,6 +39,12 @@ pub struct Plan {
     pub steps: Vec<PlanStep>,
     /// What is done however the steps ended.
     pub finally: Vec<PlanStep>,
+    /// What holds for all main steps, where they say nothing else.
+    pub policy: PlanPolicy,
+    /// What must hold before each main step.
+    pub conditions: Vec<PlanCondition>,
+    /// How far apart the triggers of a capture may be.
+    pub max_skew: Second,
     /// With which methods the poses are found; none for none.
     pub methods: Vec<Method>,
     /// What is made of them.
@@ -51,6 +62,70 @@ pub struct PlanStep {
     pub mark: Mark,
     /// What.
     pub kind: PlanStepKind,
+    /// What holds for it, and for the steps in it.
+    pub policy: PlanPolicy,
+}
+
+/// What holds for a step or a block, before the rig is known.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PlanPolicy {
+    /// After this time it has failed.
+    pub timeout: Option<Second>,
+    /// How often it is tried again, and what becomes of the error then.
+    pub on_error: Option<At<(Option<Retry>, OnError)>>,
+    /// What is done before each retry.
+    pub recover: Option<Vec<PlanStep>>,
+    /// Limits of what is read, and where they are written.
+    pub accept: Vec<At<PlanBand>>,
+    /// Without this it is skipped.
+    pub run_if: Option<PlanRunIf>,
+}
+
+/// Limits of a reading, before the rig is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanBand {
+    /// Whose.
+    pub instrument: At<InstrumentName>,
+    /// What it is to read.
+    pub quantity: Quantity,
+    /// The lower limit.
+    pub above: Option<f64>,
+    /// The upper limit.
+    pub below: Option<f64>,
+}
+
+/// Whether a step runs, before the rig is known.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlanRunIf {
+    /// The operator answered so.
+    Answer {
+        /// The name of the prompt.
+        name: String,
+        /// The answer.
+        is: String,
+    },
+    /// The last reading is within limits.
+    Reading(PlanBand),
+}
+
+/// A condition, before the rig is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlanCondition {
+    /// What must hold.
+    pub what: PlanHolds,
+    /// For how long, how often it is looked at, and with what patience.
+    pub patience: PatienceFile,
+}
+
+/// What a condition is of, before the rig is known.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlanHolds {
+    /// A reading is within limits.
+    Reading(PlanBand),
+    /// A laser's interlock is closed.
+    Interlock(At<InstrumentName>),
+    /// So many bytes of disk are free.
+    DiskFree(f64),
 }
 
 /// What a step of a plan is, before loops are unrolled.
@@ -74,6 +149,21 @@ pub enum PlanStepKind {
     },
     /// Reads sensors and encoders.
     Read(Vec<At<InstrumentName>>),
+    /// Asks the operator.
+    Prompt {
+        /// What the answer is called.
+        name: String,
+        /// The question.
+        text: String,
+        /// What would be an answer.
+        asks: Asks,
+        /// The answer when nobody gave one in time.
+        default: Option<String>,
+        /// How long to wait for one.
+        deadline: Option<Second>,
+    },
+    /// Does steps, for what holds for all of them.
+    Block(Vec<PlanStep>),
     /// Triggers cameras; without names all of the rig.
     Capture(Option<Vec<At<InstrumentName>>>),
     /// Does steps several times.

@@ -2,23 +2,31 @@
 //!
 //! What needs the rig (names of instruments, limits of axes) is checked by [`crate::check`].
 
+use std::collections::BTreeMap;
+
 use beampose_core::InstrumentName;
 use beampose_core::instrument::AxisUnit;
 
 use super::file::{
     AcceptFile, AnalyseFile, CamerasFile, LaserFile, PlanFile, RepeatFile, StepFile, SweepFile,
 };
-use super::{Accept, Analyse, Experiment, Method, PLAN_VERSION, Plan, PlanStep, PlanStepKind};
+use super::policy::StepEntry;
+use super::{
+    Accept, Analyse, Experiment, Method, PLAN_VERSION, Plan, PlanPolicy, PlanStep, PlanStepKind,
+};
 use crate::fault::{At, Mark};
+use crate::policy::Asks;
 use crate::reader::{Needed, Reader, is_name};
 use crate::suggest;
 
 /// The plan, or `None` where a part of it is missing; faults are noted.
 pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
     crate::reader::expect_version(&file.version, PLAN_VERSION, reader);
-    let mut scope = Scope { loops: Vec::new(), passes: Vec::new(), swept: Vec::new(), captures: 0 };
+    let mut scope = Scope::default();
+    let policy = scope.policy_of_plan(&file, reader);
     let steps = file.steps.0.as_ref().map(|steps| scope.steps(steps, reader));
     let captures = scope.captures;
+    let conditions = super::policies::conditions(file.conditions.as_deref(), reader);
     let finally = file.finally.unwrap_or_default();
     let finally = scope.steps(&finally, reader);
     refuse_captures(&finally, reader);
@@ -37,6 +45,9 @@ pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
         experiment: experiment?,
         steps: steps?,
         finally,
+        policy,
+        conditions,
+        max_skew: file.max_skew.unwrap_or(crate::policy::MAX_SKEW),
         methods,
         analyse,
         accept: accept.unwrap_or_default(),
@@ -45,7 +56,8 @@ pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
 }
 
 /// What surrounds a step, and what the steps so far have named.
-struct Scope {
+#[derive(Default)]
+pub(super) struct Scope {
     /// Keys of the loops around, outermost first.
     loops: Vec<String>,
     /// All names of repeats.
@@ -53,16 +65,27 @@ struct Scope {
     /// All axes swept, with the unit where the values are sound.
     swept: Vec<(InstrumentName, Option<AxisUnit>)>,
     captures: usize,
+    /// All prompts so far, with what would be an answer.
+    pub(super) prompts: BTreeMap<String, Asks>,
 }
 
 impl Scope {
-    fn steps(&mut self, steps: &[At<StepFile>], reader: &mut Reader) -> Vec<PlanStep> {
-        steps.iter().flat_map(|step| self.step(step, reader)).collect()
+    fn steps(&mut self, steps: &[At<StepEntry>], reader: &mut Reader) -> Vec<PlanStep> {
+        steps.iter().flat_map(|step| self.entry(step, reader)).collect()
+    }
+
+    fn entry(&mut self, entry: &At<StepEntry>, reader: &mut Reader) -> Vec<PlanStep> {
+        let policy = self.policy(&entry.value.policy, reader);
+        let mut steps = self.step(&entry.with(entry.value.step.clone()), reader);
+        for step in &mut steps {
+            step.policy = policy.clone();
+        }
+        steps
     }
 
     /// One step as written can be several as understood, or none after a fault.
-    fn step(&mut self, step: &At<StepFile>, reader: &mut Reader) -> Vec<PlanStep> {
-        let one = |kind| vec![PlanStep { mark: step.mark, kind }];
+    pub(super) fn step(&mut self, step: &At<StepFile>, reader: &mut Reader) -> Vec<PlanStep> {
+        let one = |kind| vec![PlanStep { mark: step.mark, kind, policy: PlanPolicy::default() }];
         match &step.value {
             StepFile::Laser(laser) => lasers(laser).into_iter().flat_map(one).collect(),
             StepFile::Wait(time) => {
@@ -88,6 +111,10 @@ impl Scope {
                     CamerasFile::Named(names) => Some(distinct(names, reader)),
                 }))
             }
+            StepFile::Prompt(prompt) => {
+                self.prompt(prompt, reader).into_iter().flat_map(one).collect()
+            }
+            StepFile::Block(steps) => one(PlanStepKind::Block(self.steps(steps, reader))),
             StepFile::Repeat(repeat) => {
                 self.repeat(repeat, reader).into_iter().flat_map(one).collect()
             }
@@ -130,7 +157,7 @@ impl Scope {
     fn inside(
         &mut self,
         key: Option<At<String>>,
-        steps: &Needed<Vec<At<StepFile>>>,
+        steps: &Needed<Vec<At<StepEntry>>>,
         reader: &mut Reader,
     ) -> Vec<PlanStep> {
         if let Some(key) = key.as_ref().filter(|key| self.loops.contains(&key.value)) {
@@ -186,7 +213,9 @@ fn refuse_captures(finally: &[PlanStep], reader: &mut Reader) {
                     .to_owned();
                 reader.fault_help(step.mark, "no captures in `finally`".to_owned(), Some(help));
             }
-            PlanStepKind::Repeat { steps, .. } | PlanStepKind::Sweep { steps, .. } => {
+            PlanStepKind::Repeat { steps, .. }
+            | PlanStepKind::Sweep { steps, .. }
+            | PlanStepKind::Block(steps) => {
                 refuse_captures(steps, reader);
             }
             _ => {}

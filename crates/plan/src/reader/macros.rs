@@ -39,13 +39,23 @@ macro_rules! record {
             }
 
             fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-                let properties = vec![$($crate::reader::Property {
+                let properties = <Self as $crate::reader::Record>::properties(generator);
+                $crate::reader::object_schema(concat!($($doc, "\n"),*), properties)
+            }
+        }
+
+        impl $crate::reader::Record for $name {
+            const KEYS: &'static [&'static str] = &[$(key!($field $($key)?)),*];
+
+            fn properties(
+                generator: &mut schemars::SchemaGenerator,
+            ) -> Vec<$crate::reader::Property> {
+                vec![$($crate::reader::Property {
                     key: key!($field $($key)?),
                     doc: concat!($($fdoc, "\n"),*),
                     required: <$ty as $crate::reader::Read>::required(),
                     schema: <$ty as $crate::reader::Read>::schema(generator),
-                }),*];
-                $crate::reader::object_schema(concat!($($doc, "\n"),*), properties)
+                }),*]
             }
         }
 
@@ -54,8 +64,8 @@ macro_rules! record {
                 node: &$crate::tree::Node,
                 reader: &mut $crate::reader::Reader,
             ) -> Option<Self> {
-                const KEYS: &[&str] = &[$(key!($field $($key)?)),*];
-                let mut fields = $crate::reader::Fields::of(node, KEYS, reader)?;
+                let keys = <Self as $crate::reader::Record>::KEYS;
+                let mut fields = $crate::reader::Fields::of(node, keys, reader)?;
                 $(let $field: Option<$ty> =
                     fields.take(key!($field $($key)?), check!($($check)?), reader);)*
                 Some(Self { $($field: $field?),* })
@@ -89,12 +99,24 @@ macro_rules! choice {
             }
 
             fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+                <Self as $crate::reader::Choice>::schema_with(|_| Vec::new(), generator)
+            }
+        }
+
+        impl $crate::reader::Choice for $name {
+            const KEYS: &'static [&'static str] = &[$($key),*];
+
+            fn schema_with(
+                beside: fn(&mut schemars::SchemaGenerator) -> Vec<$crate::reader::Property>,
+                generator: &mut schemars::SchemaGenerator,
+            ) -> schemars::Schema {
                 let choices: Vec<schemars::Schema> = vec![$({
                     let schema = <$ty as $crate::reader::Read>::schema(generator);
                     let doc = concat!($($vdoc, "\n"),*);
-                    let property =
-                        $crate::reader::Property { key: $key, doc, required: true, schema };
-                    $crate::reader::object_schema(doc, vec![property])
+                    let mut properties =
+                        vec![$crate::reader::Property { key: $key, doc, required: true, schema }];
+                    properties.extend(beside(generator));
+                    $crate::reader::object_schema(doc, properties)
                 }),*];
                 let doc = concat!($($doc, "\n"),*).trim();
                 schemars::json_schema!({ "description": doc, "oneOf": choices })
@@ -106,7 +128,7 @@ macro_rules! choice {
                 node: &$crate::tree::Node,
                 reader: &mut $crate::reader::Reader,
             ) -> Option<Self> {
-                let (key, value) = reader.one_of(node, $what, &[$($key),*])?;
+                let (key, value) = reader.one_of(node, $what, <Self as $crate::reader::Choice>::KEYS)?;
                 match key {
                     $($key => <$ty as $crate::reader::Read>::read(value, reader).map(Self::$variant),)*
                     _ => None,

@@ -51,6 +51,25 @@ pub(crate) trait Read: Sized {
     }
 }
 
+/// A map with known keys, as `record!` makes it.
+pub(crate) trait Record: Read {
+    /// Its keys.
+    const KEYS: &'static [&'static str];
+    /// Its keys, for the schema.
+    fn properties(generator: &mut SchemaGenerator) -> Vec<Property>;
+}
+
+/// A map with one key that says which, as `choice!` makes it.
+pub(crate) trait Choice: Read {
+    /// The keys of which one is there.
+    const KEYS: &'static [&'static str];
+    /// Its schema, where keys of another record may stand beside the one.
+    fn schema_with(
+        beside: fn(&mut SchemaGenerator) -> Vec<Property>,
+        generator: &mut SchemaGenerator,
+    ) -> Schema;
+}
+
 /// The state of one reading: the file, the faults so far, the plan's parameters.
 #[derive(Debug)]
 pub(crate) struct Reader {

@@ -76,6 +76,8 @@ fn step(number: u32, capture: &str, pictures: Vec<Picture>) -> StepRecord {
             readings: BTreeMap::from([("rail_mm".to_owned(), 300.0 + 1.0 / 3.0)]),
             pictures,
         }),
+        missing: Vec::new(),
+        answer: None,
         events: vec![event(EventKind::LaserOn, "laser on (step 1)")],
     }
 }

@@ -1,7 +1,8 @@
 //! What is stored of a session comes back, or is refused.
 
 use beampose_core::{
-    EventKind, Gap, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome, StepRecord,
+    Answer, EventKind, Gap, Missing, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome,
+    StepRecord,
 };
 
 use super::{at, event, fresh, header, p000, picture, session, step};
@@ -126,6 +127,32 @@ async fn a_failed_step_keeps_its_reason() {
     record.outcome = StepOutcome::Failed { reason: "cam_a: no answer within 5s".to_owned() };
     fresh.store.step(id, &record).await.unwrap();
     assert_eq!(fresh.store.steps(id).await.unwrap()[0].outcome, record.outcome);
+}
+
+#[tokio::test]
+async fn what_policies_and_people_left_comes_back() {
+    let fresh = fresh().await;
+    let id = SessionId::fresh();
+    fresh.store.open(&header(id)).await.unwrap();
+    let mut record = step(1, "p000", Vec::new());
+    let missing = Missing { instrument: "cam_b".into(), reason: "no answer within 5s".to_owned() };
+    record.missing = vec![missing.clone()];
+    fresh.store.step(id, &record).await.unwrap();
+    let mut record = step(2, "p001", Vec::new());
+    record.outcome = StepOutcome::PassedOver { reason: "wavemeter: no light".to_owned() };
+    let answer = Answer {
+        name: "fixture".to_owned(),
+        value: "'); DROP TABLE answers; --".to_owned(),
+        by: "terminal".to_owned(),
+    };
+    record.answer = Some(answer.clone());
+    fresh.store.step(id, &record).await.unwrap();
+    RunSink::close(&fresh.store, id, SessionOutcome::Halted, &[], at(9)).await.unwrap();
+    assert_eq!(fresh.store.missing(id).await.unwrap(), [(StepNumber(1), missing)]);
+    assert_eq!(fresh.store.answers(id).await.unwrap(), [(StepNumber(2), answer)]);
+    assert_eq!(fresh.store.steps(id).await.unwrap()[1].outcome, record.outcome);
+    assert_eq!(fresh.store.session(id).await.unwrap().outcome, Some(SessionOutcome::Halted));
+    assert_eq!(fresh.store.sessions().await.unwrap()[0].outcome, Some(SessionOutcome::Halted));
 }
 
 #[tokio::test]

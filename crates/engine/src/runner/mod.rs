@@ -1,22 +1,28 @@
 //! Does what the machine says, step by step, on one task: it joins, and spawns nothing, so that a
 //! virtual clock can drive it.
 
+mod conditions;
+mod pause;
+mod step;
+
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::clock::{Clock, within};
 use beampose_core::{
     EventKind, Gap, InstrumentError, RunSink, SessionHeader, SessionId, SessionOutcome, SinkError,
-    Stamp, StepNumber, StepOutcome, StepRecord,
+    Stamp, StepNumber, StepRecord,
 };
-use beampose_plan::{Action, Section, Step};
-use futures::future::{Either, join_all, select};
+use beampose_plan::{Rules, Section, Step};
+use futures::future::join_all;
 
-use crate::actions::{Acquired, Doing, Fault, Journal, Situation};
+use crate::actions::{Fault, Journal, Situation};
 use crate::machine::{Command, Input, Lasers, Machine};
+use crate::operator::Operator;
 use crate::resume::{Earlier, restoration};
-use crate::safe_state::{Cause, LaserGuard, secure};
-use crate::{AbortHandle, Bench, EngineError, Notice, Observers};
+use crate::safe_state::{Cause, LaserGuard, Unsettled, secure};
+use crate::{Bench, Control, EngineError, Notice, Observers, Wish};
 
 /// How long an instrument may take to say who it is: a camera that wakes up takes seconds.
 const IDENTIFY_DEADLINE: Duration = Duration::from_secs(15);
@@ -36,7 +42,13 @@ pub struct Surroundings<'a> {
     /// The time.
     pub clock: &'a dyn Clock,
     /// Who may stop it.
-    pub abort: &'a AbortHandle,
+    pub control: &'a Control,
+    /// Who answers questions.
+    pub operator: &'a dyn Operator,
+    /// What holds for the whole plan.
+    pub rules: &'a Rules,
+    /// How long what cannot be stored is offered again before it is given up.
+    pub store_patience: Duration,
 }
 
 /// How a run ended.
@@ -58,6 +70,8 @@ pub struct RunSummary {
     pub failures: Vec<StepFailure>,
     /// Why it was stopped, if somebody asked for that.
     pub abort_reason: Option<String>,
+    /// What could not be stored, in order: it is nowhere else.
+    pub unstored: Vec<StepRecord>,
     /// What is known of the lasers at the end.
     pub lasers: Lasers,
 }
@@ -122,7 +136,7 @@ async fn follow(
 ) -> Result<RunSummary, EngineError> {
     around.observers.tell(&Notice::Opened(Arc::new(header.clone())));
     let mut runner = Runner::new(steps, header, earlier, around);
-    let outcome = runner.follow_machine(steps).await;
+    let outcome = runner.follow_machine().await;
     if runner.summary.lasers == Lasers::Off {
         guard.disarm();
     }
@@ -131,8 +145,11 @@ async fn follow(
 
 struct Runner<'a> {
     around: &'a Surroundings<'a>,
-    /// What an earlier run did.
-    earlier: Earlier,
+    steps: &'a [Step],
+    /// Main steps that did what they are for: what they left is relied on.
+    done: BTreeSet<StepNumber>,
+    /// Main steps that were skipped or passed over.
+    passed: BTreeSet<StepNumber>,
     /// What is to be re-established before the first step.
     restoration: Vec<Step>,
     situation: Situation,
@@ -141,15 +158,19 @@ struct Runner<'a> {
     pending: Option<StepRecord>,
     /// Why everything is to be made safe next; the session's end where nothing else is.
     cause: Option<Cause>,
-    abort_seen: bool,
-    unstored: Vec<StepNumber>,
+    /// The most urgent wish that was obeyed, or noted in `finally`.
+    seen: Option<Wish>,
+    /// When each condition was last found to hold.
+    held: Vec<Option<Duration>>,
+    /// When the first step of each block with a time of its own began.
+    blocks: BTreeMap<u32, Duration>,
     store_error: Option<SinkError>,
     summary: RunSummary,
 }
 
 impl<'a> Runner<'a> {
     fn new(
-        steps: &[Step],
+        steps: &'a [Step],
         header: &SessionHeader,
         earlier: Earlier,
         around: &'a Surroundings<'a>,
@@ -168,6 +189,7 @@ impl<'a> Runner<'a> {
             let readings = earlier.readings.get(&step.number);
             situation.replay(step, readings.map_or(&[], Vec::as_slice));
         }
+        situation.answers.clone_from(&earlier.answers);
         let done = steps.iter().filter(|step| earlier.done.contains(&step.number));
         let summary = RunSummary {
             session: header.id,
@@ -178,26 +200,32 @@ impl<'a> Runner<'a> {
             captures: done.filter(|step| step.action.kind() == "capture").count(),
             failures: Vec::new(),
             abort_reason: None,
+            unstored: Vec::new(),
             lasers: Lasers::Unknown,
         };
         Self {
             around,
             restoration: restoration(steps, &earlier.done),
-            earlier,
+            steps,
+            done: earlier.done,
+            passed: earlier.passed,
             situation,
             journal,
             pending: None,
             cause: None,
-            abort_seen: false,
-            unstored: Vec::new(),
+            seen: None,
+            held: vec![None; around.rules.conditions.len()],
+            blocks: BTreeMap::new(),
             store_error: None,
             summary,
         }
     }
 
-    async fn follow_machine(&mut self, steps: &[Step]) -> SessionOutcome {
+    async fn follow_machine(&mut self) -> SessionOutcome {
+        let steps = self.steps;
         let sections: Vec<Section> = steps.iter().map(|step| step.section).collect();
-        let is_done = |i: usize| self.earlier.done.contains(&steps[i].number);
+        let is_behind = |number| self.done.contains(number) || self.passed.contains(number);
+        let is_done = |i: usize| is_behind(&steps[i].number);
         let mut machine = Machine::resuming(&sections, is_done);
         let mut input = Input::Begin;
         loop {
@@ -209,6 +237,9 @@ impl<'a> Runner<'a> {
                     Input::Secured(self.secure(&cause).await)
                 }
                 Command::Store => self.store().await,
+                Command::Offer => self.offer().await,
+                Command::AwaitOperator => self.await_operator().await,
+                Command::Restore => self.restore_all().await,
                 Command::Close(outcome) => return outcome,
             };
         }
@@ -217,34 +248,12 @@ impl<'a> Runner<'a> {
     async fn prepare(&mut self) -> Input {
         let lasers = self.secure(&Cause::SessionStart).await;
         let identified = self.identify().await;
-        if lasers == Lasers::Off && identified && self.restore().await {
+        let restoration = std::mem::take(&mut self.restoration);
+        if lasers == Lasers::Off && identified && self.restore(restoration).await {
             return Input::Prepared;
         }
         self.cause = Some(Cause::NotPrepared);
         Input::PreparationFailed
-    }
-
-    /// Re-establishes what later steps rely on; false where that failed. An abort ends it at once:
-    /// the machine hears of it before the next step.
-    async fn restore(&mut self) -> bool {
-        // What was read before the run stopped is what the next capture refers to.
-        let known = self.situation.clone();
-        for step in std::mem::take(&mut self.restoration) {
-            let message = format!("re-established: {step}");
-            let mut acquired = Acquired::default();
-            match self.perform(&step, self.around.clock.now(), &mut acquired).await {
-                Some(Ok(())) => self.journal.note(EventKind::Resumed, message),
-                Some(Err(fault)) => {
-                    self.fail(None, &format!("re-establishing {step}"), fault.to_string());
-                    return false;
-                }
-                None => break,
-            }
-        }
-        let moving = std::mem::take(&mut self.situation.moving);
-        self.situation = known;
-        self.situation.moving = moving;
-        true
     }
 
     /// Asks every instrument who it is; true when all answered.
@@ -281,118 +290,22 @@ impl<'a> Runner<'a> {
 
     async fn secure(&mut self, cause: &Cause) -> Lasers {
         let Surroundings { bench, clock, .. } = *self.around;
-        let (lasers, events) = secure(bench, &mut self.situation.moving, clock, cause).await;
+        let unsettled = self.unsettled();
+        let (lasers, events) = secure(bench, unsettled, clock, cause).await;
         for event in events {
             self.journal.note_event(event);
         }
+        self.situation.lit.clear();
         self.summary.lasers = lasers;
         lasers
     }
 
-    async fn step(&mut self, step: &Step) -> Input {
-        if self.see_abort(step) {
-            return Input::AbortRequested;
+    fn unsettled(&mut self) -> Unsettled {
+        let situation = &mut self.situation;
+        Unsettled {
+            moving: std::mem::take(&mut situation.moving),
+            armed: std::mem::take(&mut situation.armed),
         }
-        self.journal.observers.tell(&Notice::StepStarted(Arc::new(step.clone())));
-        let clock = self.around.clock;
-        let started = clock.now();
-        let mut acquired = Acquired::default();
-        let ended = self.perform(step, started, &mut acquired).await;
-        let finished = clock.now();
-        let (outcome, input) = match ended {
-            Some(Ok(())) => (StepOutcome::Done, Input::StepDone),
-            Some(Err(fault)) => {
-                let reason = fault.to_string();
-                self.fail(Some(step.number), &step.to_string(), reason.clone());
-                self.cause = Some(Cause::StepFailed(step.number));
-                (StepOutcome::Failed { reason }, Input::StepFailed)
-            }
-            None => {
-                self.see_abort(step);
-                let reason = format!("interrupted: {}", self.abort_reason());
-                (StepOutcome::Failed { reason }, Input::StepInterrupted)
-            }
-        };
-        self.pending = Some(StepRecord {
-            number: step.number,
-            label: step.to_string(),
-            kind: step.action.kind().to_owned(),
-            started,
-            finished,
-            outcome,
-            readings: acquired.readings,
-            capture: acquired.capture,
-            events: Vec::new(),
-        });
-        input
-    }
-
-    /// Performs a step; `None` where an abort interrupted it.
-    async fn perform(
-        &mut self,
-        step: &Step,
-        started: Stamp,
-        acquired: &mut Acquired,
-    ) -> Option<Result<(), Fault>> {
-        let Surroundings { bench, clock, abort, .. } = *self.around;
-        let until = started.monotonic.saturating_add(step.deadline.duration());
-        let (situation, journal) = (&mut self.situation, &mut self.journal);
-        let doing = Doing { step, bench, clock, situation, journal, acquired, until };
-        if !can_be_interrupted(step) {
-            return Some(doing.perform().await);
-        }
-        let performing = std::pin::pin!(doing.perform());
-        match select(performing, std::pin::pin!(abort.requested())).await {
-            Either::Left((ended, _)) => Some(ended),
-            Either::Right(((), _)) => None,
-        }
-    }
-
-    fn abort_reason(&self) -> &str {
-        self.around.abort.reason().unwrap_or("abort")
-    }
-
-    /// True the first time that an abort is seen; it is noted then.
-    fn see_abort(&mut self, before: &Step) -> bool {
-        let Some(reason) = self.around.abort.reason().filter(|_| !self.abort_seen) else {
-            return false;
-        };
-        self.abort_seen = true;
-        self.journal.note(EventKind::AbortRequested, reason.to_owned());
-        self.summary.abort_reason = Some(reason.to_owned());
-        if before.section == Section::Main {
-            self.cause = Some(Cause::Abort(reason.to_owned()));
-        }
-        true
-    }
-
-    async fn store(&mut self) -> Input {
-        let Some(mut record) = self.pending.take() else {
-            return Input::Stored;
-        };
-        record.events = std::mem::take(&mut self.journal.events);
-        let number = record.number;
-        let Surroundings { sink, clock, .. } = *self.around;
-        let storing = sink.step(self.summary.session, &record);
-        if let Err(error) = kept(clock, &format!("step {number}"), storing).await {
-            // What was noted goes with the next that can be stored.
-            self.journal.events = record.events;
-            self.fail(Some(number), "storing it", error.to_string());
-            self.unstored.push(number);
-            self.store_error.get_or_insert(error);
-            self.cause = Some(Cause::NotStored(number));
-            return Input::StoreFailed;
-        }
-        if record.outcome == StepOutcome::Done {
-            self.summary.steps_done += 1;
-        }
-        let capture = record.capture.take();
-        self.journal.observers.tell(&Notice::StepDone(Arc::new(record)));
-        if let Some(capture) = capture {
-            self.summary.captures += 1;
-            self.journal.observers.captured(number, capture);
-        }
-        Input::Stored
     }
 
     async fn close(mut self, outcome: SessionOutcome) -> Result<RunSummary, EngineError> {
@@ -404,9 +317,9 @@ impl<'a> Runner<'a> {
         let closed = kept(clock, "the end of the session", closing).await;
         let summary = self.summary;
         self.journal.observers.tell(&Notice::Closed(Arc::new(summary.clone())));
-        if let Some(source) = self.store_error {
-            let summary = Box::new(summary);
-            return Err(EngineError::NotStored { steps: self.unstored, source, summary });
+        if let Some(source) = self.store_error.filter(|_| !summary.unstored.is_empty()) {
+            let steps = summary.unstored.iter().map(|record| record.number).collect();
+            return Err(EngineError::NotStored { steps, source, summary: Box::new(summary) });
         }
         match closed {
             Ok(()) => Ok(summary),
@@ -425,11 +338,4 @@ async fn kept(
     within(clock, STORE_DEADLINE, storing).await.unwrap_or_else(|limit| {
         Err(SinkError { what: what.to_owned(), reason: format!("not durable within {limit:?}") })
     })
-}
-
-/// Waits, moves and a laser's emission delay end at once when somebody asks to stop; a reading or
-/// a capture takes its time, so that what it acquires is whole. `finally` is never interrupted.
-fn can_be_interrupted(step: &Step) -> bool {
-    step.section == Section::Main
-        && matches!(step.action, Action::Wait { .. } | Action::Move { .. } | Action::LaserOn { .. })
 }

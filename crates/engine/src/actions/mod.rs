@@ -6,38 +6,24 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::future::Future;
 use std::time::Duration;
 
+mod capture;
+mod fault;
+mod person;
+
 use beampose_core::clock::{Clock, within};
 use beampose_core::instrument::AxisUnit;
 use beampose_core::{
-    Camera, CaptureId, CaptureRecord, Emission, Event, EventKind, Frame, InstrumentError,
-    InstrumentName, Picture, Quantity, Reading,
+    Answer, CaptureRecord, Emission, Event, EventKind, InstrumentError, InstrumentName, Quantity,
+    Reading,
 };
 use beampose_plan::{Action, Step};
-use futures::future::join_all;
 
+pub(crate) use self::fault::Fault;
+use crate::Bench;
 use crate::bench::Readable;
 use crate::observe::{Notice, Observers};
+use crate::operator::Operator;
 use crate::safe_state::{Cause, switch_off};
-use crate::{Bench, EngineError};
-
-/// Why a step failed, in the words of its record.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum Fault {
-    #[error("{name}: {source}")]
-    Instrument { name: InstrumentName, source: InstrumentError },
-    #[error("{name}: it read {value}, which is no number")]
-    NotANumber { name: InstrumentName, value: f64 },
-    #[error("{name}: the plan counts in {planned:?}, the axis in {found:?}")]
-    WrongUnit { name: InstrumentName, planned: AxisUnit, found: AxisUnit },
-    #[error("{0}")]
-    Laser(String),
-    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Cameras(Vec<Fault>),
-    #[error("not done within {0:?}")]
-    Deadline(Duration),
-    #[error(transparent)]
-    Bench(#[from] EngineError),
-}
 
 /// What is known of the laboratory from one step to the next.
 #[derive(Debug, Clone, Default)]
@@ -50,6 +36,14 @@ pub(crate) struct Situation {
     sensed: BTreeMap<String, f64>,
     /// Axes told to move that have not confirmed to stand.
     pub(crate) moving: BTreeSet<InstrumentName>,
+    /// Cameras armed and not yet triggered.
+    pub(crate) armed: BTreeSet<InstrumentName>,
+    /// Lasers that are on.
+    pub(crate) lit: BTreeSet<InstrumentName>,
+    /// What each instrument read last.
+    pub(crate) last: BTreeMap<InstrumentName, f64>,
+    /// What the operator answered.
+    pub(crate) answers: BTreeMap<String, String>,
 }
 
 impl Situation {
@@ -72,6 +66,7 @@ impl Situation {
     }
 
     fn have_read(&mut self, name: &InstrumentName, reading: &Reading) {
+        self.last.insert(name.clone(), reading.value);
         match reading.quantity {
             Quantity::Position | Quantity::Angle => {
                 let key = format!("{name}_{}", reading.quantity.suffix());
@@ -114,6 +109,7 @@ impl Journal<'_> {
 pub(crate) struct Acquired {
     pub(crate) readings: Vec<(InstrumentName, Reading)>,
     pub(crate) capture: Option<CaptureRecord>,
+    pub(crate) answer: Option<Answer>,
 }
 
 /// One step under way.
@@ -121,11 +117,16 @@ pub(crate) struct Doing<'a, 'j> {
     pub(crate) step: &'a Step,
     pub(crate) bench: &'a Bench,
     pub(crate) clock: &'a dyn Clock,
+    pub(crate) operator: &'a dyn Operator,
+    /// How far apart the triggers of a capture may be.
+    pub(crate) max_skew: Duration,
     pub(crate) situation: &'a mut Situation,
     pub(crate) journal: &'a mut Journal<'j>,
     pub(crate) acquired: &'a mut Acquired,
     /// The monotonic time at which the step has failed.
     pub(crate) until: Duration,
+    /// How long what is under way may take, for people.
+    pub(crate) limit: Duration,
 }
 
 impl Doing<'_, '_> {
@@ -136,11 +137,9 @@ impl Doing<'_, '_> {
             Action::LaserOff { laser } => self.laser_off(laser).await,
             Action::Wait { duration } => self.wait(duration.duration()).await,
             Action::Move { axis, target, unit } => self.move_axis(axis, *target, *unit).await,
-            Action::Read { instruments } => {
-                for name in instruments {
-                    self.read(name).await?;
-                }
-                Ok(())
+            Action::Read { instruments } => self.read_all(instruments).await,
+            Action::Prompt { name, text, asks, default } => {
+                self.prompt(name, text, asks, default.as_deref()).await
             }
             Action::Capture { id, cameras } => self.capture(id, cameras).await,
         }
@@ -158,8 +157,7 @@ impl Doing<'_, '_> {
         work: impl Future<Output = Result<T, InstrumentError>>,
     ) -> Result<T, Fault> {
         let answer = within(self.clock, self.left(), work).await;
-        let answer =
-            answer.unwrap_or_else(|_| Err(InstrumentError::Timeout(self.step.deadline.duration())));
+        let answer = answer.unwrap_or_else(|_| Err(InstrumentError::Timeout(self.limit)));
         answer.map_err(|source| Fault::Instrument { name: name.clone(), source })
     }
 
@@ -177,6 +175,7 @@ impl Doing<'_, '_> {
         };
         let doubt = match lit {
             Ok(Emission::On) => {
+                self.situation.lit.insert(name.clone());
                 self.journal.note(EventKind::LaserOn, format!("{name} on (step {step})"));
                 return Ok(());
             }
@@ -198,6 +197,7 @@ impl Doing<'_, '_> {
         let cause = Cause::Planned(self.step.number);
         // Its own deadline, however long the plan would wait: this is the safe state.
         let event = switch_off(name, laser, self.clock, &cause).await;
+        self.situation.lit.remove(name);
         let unknown = (event.kind == EventKind::LaserUnknown).then(|| event.message.clone());
         self.journal.note_event(event);
         unknown.map_or(Ok(()), |message| Err(Fault::Laser(message)))
@@ -218,69 +218,61 @@ impl Doing<'_, '_> {
         self.situation.moved(name, target, planned);
         self.situation.moving.insert(name.clone());
         self.ask(name, axis.move_to(target)).await?;
+        if let Some(by_hand) = axis.by_hand() {
+            self.stand_by_hand(name, axis, target, by_hand).await?;
+        }
         self.situation.moving.remove(name);
         let message = format!("{name} moved to {target} {suffix} (step {})", self.step.number);
         self.journal.note(EventKind::Moved, message);
         self.read(name).await
     }
 
-    async fn read(&mut self, name: &InstrumentName) -> Result<(), Fault> {
-        let readable = self.bench.readable(name)?;
-        let reading = match readable {
-            Readable::Axis(axis) => self.ask(name, axis.position()).await?,
-            Readable::Sensor(sensor) => self.ask(name, sensor.read()).await?,
-        };
-        let value = reading.value;
-        if !value.is_finite() {
-            return Err(Fault::NotANumber { name: name.clone(), value });
+    /// One after another; one that does not answer leaves the others their time.
+    async fn read_all(&mut self, instruments: &[InstrumentName]) -> Result<(), Fault> {
+        let whole = self.until;
+        let mut faults = Vec::new();
+        for (i, name) in instruments.iter().enumerate() {
+            let left = u32::try_from(instruments.len() - i).unwrap_or(u32::MAX);
+            let now = self.clock.now().monotonic;
+            if left > 1 {
+                self.limit = whole.saturating_sub(now) / left;
+            }
+            self.until = now.saturating_add(whole.saturating_sub(now) / left);
+            if let Err(fault) = self.read(name).await {
+                faults.push(fault);
+            }
         }
+        Fault::of_several(faults)
+    }
+
+    async fn read(&mut self, name: &InstrumentName) -> Result<(), Fault> {
+        let reading = self.look(name).await?;
         self.situation.have_read(name, &reading);
+        for band in self.step.policy.accept.iter().filter(|band| band.instrument == *name) {
+            if !band.holds(reading.value) {
+                let (value, unit) = (reading.value, band.quantity.suffix());
+                let message = format!(
+                    "{name} read {value} {unit}; accepted is {band} (step {})",
+                    self.step.number
+                );
+                self.journal.note(EventKind::OutOfLimits, message);
+            }
+        }
         self.acquired.readings.push((name.clone(), reading));
         Ok(())
     }
 
-    /// All cameras are armed, then all are triggered together. Where one fails, what the others
-    /// delivered is kept.
-    async fn capture(&mut self, id: &CaptureId, names: &[InstrumentName]) -> Result<(), Fault> {
-        let mut cameras: BTreeMap<&InstrumentName, &dyn Camera> = BTreeMap::new();
-        for name in names {
-            cameras.insert(name, self.bench.camera(name)?);
+    /// A reading that is a number.
+    pub(crate) async fn look(&self, name: &InstrumentName) -> Result<Reading, Fault> {
+        let reading = match self.bench.readable(name)? {
+            Readable::Axis(axis) => self.ask(name, axis.position()).await?,
+            Readable::Sensor(sensor) => self.ask(name, sensor.read()).await?,
+        };
+        let value = reading.value;
+        if value.is_finite() {
+            Ok(reading)
+        } else {
+            Err(Fault::NotANumber { name: name.clone(), value })
         }
-        let arming = cameras.iter().map(|(name, camera)| self.ask(name, camera.arm()));
-        let faults: Vec<Fault> =
-            join_all(arming).await.into_iter().filter_map(Result::err).collect();
-        if !faults.is_empty() {
-            return Err(Fault::Cameras(faults));
-        }
-        let triggers = cameras.iter().map(|(name, camera)| self.ask(name, camera.trigger()));
-        let frames = join_all(triggers).await;
-        let (mut pictures, mut faults) = (Vec::new(), Vec::new());
-        for (camera, frame) in cameras.keys().zip(frames) {
-            match frame {
-                Ok(frame) => pictures.push(picture(camera, frame)),
-                Err(fault) => faults.push(fault),
-            }
-        }
-        if !pictures.is_empty() {
-            self.acquired.capture = Some(self.capture_record(id, pictures));
-        }
-        if faults.is_empty() { Ok(()) } else { Err(Fault::Cameras(faults)) }
-    }
-
-    fn capture_record(&self, id: &CaptureId, pictures: Vec<Picture>) -> CaptureRecord {
-        let mut setpoints = self.step.context.clone();
-        setpoints.extend(self.situation.setpoints.clone());
-        let mut readings = self.situation.sensed.clone();
-        readings.extend(self.situation.encoders.clone());
-        CaptureRecord { id: id.clone(), setpoints, readings, pictures }
-    }
-}
-
-fn picture(camera: &InstrumentName, frame: Frame) -> Picture {
-    Picture {
-        camera: camera.clone(),
-        bytes: frame.bytes,
-        requested: frame.requested,
-        delivered: frame.delivered,
     }
 }

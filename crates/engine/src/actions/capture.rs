@@ -1,0 +1,114 @@
+//! Cameras together: armed, then released at one barrier.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use beampose_core::{Camera, CaptureId, CaptureRecord, EventKind, Frame, InstrumentName, Picture};
+use beampose_plan::OnError;
+use futures::future::join_all;
+
+use super::{Doing, Fault};
+
+/// How often a capture is taken whose triggers were too far apart.
+const TIMES: u32 = 3;
+
+type Cameras<'a> = BTreeMap<&'a InstrumentName, &'a dyn Camera>;
+
+impl Doing<'_, '_> {
+    /// All cameras are armed, then all are triggered together. Where one fails, what the others
+    /// delivered is kept. Where the triggers went out too far apart, the capture is taken again.
+    pub(super) async fn capture(
+        &mut self,
+        id: &CaptureId,
+        names: &[InstrumentName],
+    ) -> Result<(), Fault> {
+        let bench = self.bench;
+        let mut cameras = Cameras::new();
+        for name in names {
+            cameras.insert(name, bench.camera(name)?);
+        }
+        let mut times = 0;
+        loop {
+            times += 1;
+            let mut faults = Vec::new();
+            let armed = self.arm(&cameras, &mut faults).await;
+            if !faults.is_empty() && self.step.policy.on_error != OnError::RecordMissing {
+                return Err(Fault::Several(faults));
+            }
+            let pictures = self.release(&armed, &mut faults).await;
+            let skew = skew(&pictures);
+            if !pictures.is_empty() {
+                self.acquired.capture = Some(self.capture_record(id, pictures));
+            }
+            if !faults.is_empty() || skew <= self.max_skew {
+                return Fault::of_several(faults);
+            }
+            let limit = self.max_skew;
+            if times == TIMES {
+                return Err(Fault::Skew { skew, limit, times });
+            }
+            let message =
+                format!("{id}: triggers went out {skew:?} apart, more than {limit:?}: taken again");
+            self.journal.note(EventKind::Retried, message);
+        }
+    }
+
+    /// The cameras that are ready for a trigger.
+    async fn arm<'c>(&mut self, cameras: &Cameras<'c>, faults: &mut Vec<Fault>) -> Cameras<'c> {
+        self.situation.armed.extend(cameras.keys().map(|name| (*name).clone()));
+        let arming = cameras.iter().map(|(name, camera)| self.ask(name, camera.arm()));
+        let answers = join_all(arming).await;
+        let mut armed = Cameras::new();
+        for ((name, camera), answer) in cameras.iter().zip(answers) {
+            match answer {
+                Ok(()) => {
+                    armed.insert(name, *camera);
+                }
+                Err(fault) => faults.push(fault),
+            }
+        }
+        armed
+    }
+
+    async fn release(&mut self, cameras: &Cameras<'_>, faults: &mut Vec<Fault>) -> Vec<Picture> {
+        let triggers = cameras.iter().map(|(name, camera)| self.ask(name, camera.trigger()));
+        let frames = join_all(triggers).await;
+        let mut pictures = Vec::new();
+        for (camera, frame) in cameras.keys().zip(frames) {
+            match frame {
+                Ok(frame) => {
+                    self.situation.armed.remove(*camera);
+                    pictures.push(picture(camera, frame));
+                }
+                Err(fault) => faults.push(fault),
+            }
+        }
+        pictures
+    }
+
+    fn capture_record(&self, id: &CaptureId, pictures: Vec<Picture>) -> CaptureRecord {
+        let mut setpoints = self.step.context.clone();
+        setpoints.extend(self.situation.setpoints.clone());
+        let mut readings = self.situation.sensed.clone();
+        readings.extend(self.situation.encoders.clone());
+        CaptureRecord { id: id.clone(), setpoints, readings, pictures }
+    }
+}
+
+/// How far apart the triggers of a capture were sent.
+fn skew(pictures: &[Picture]) -> Duration {
+    let sent = || pictures.iter().map(|picture| picture.requested.monotonic);
+    match (sent().min(), sent().max()) {
+        (Some(first), Some(last)) => last.saturating_sub(first),
+        _ => Duration::ZERO,
+    }
+}
+
+fn picture(camera: &InstrumentName, frame: Frame) -> Picture {
+    Picture {
+        camera: camera.clone(),
+        bytes: frame.bytes,
+        requested: frame.requested,
+        delivered: frame.delivered,
+    }
+}
