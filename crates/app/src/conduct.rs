@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_analysis::{ReportInput, TranslationResult};
-use beampose_core::{CaptureId, Gap, SessionHeader, SessionId, SessionOutcome};
+use beampose_core::{CaptureId, Gap, RunSink, SessionHeader, SessionId, SessionOutcome};
 use beampose_engine::{Control, Earlier, EngineError, Observers, RunSummary, Surroundings};
 use beampose_photogrammetry::solve::Method;
 use beampose_store::{Store, StoredCapture};
@@ -196,10 +196,12 @@ impl Session {
         control: &Control,
         desk: &Desk,
     ) -> Result<RunSummary, EngineError> {
-        let clock = self.laboratory.clock.shared();
+        let clock = self.laboratory.run_clock();
+        let sink: &dyn RunSink = &**store;
+        let faulty = self.laboratory.faulty_sink(sink);
         let around = Surroundings {
             bench: &self.laboratory.bench,
-            sink: &**store,
+            sink: faulty.as_ref().map_or(sink, |faulty| faulty),
             observers: &observers,
             clock: &*clock,
             control,

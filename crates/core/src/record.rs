@@ -231,6 +231,8 @@ pub enum EventKind {
     Missing,
     /// A reading is outside the limits that the plan accepts.
     OutOfLimits,
+    /// The wall clock was set: times of day before and after do not compare.
+    ClockJumped,
     /// What a step acquired could not be stored; it is kept and offered again.
     StoreFailed,
     /// The operator was asked.

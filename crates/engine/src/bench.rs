@@ -20,6 +20,9 @@ pub struct Bench {
     pub sensors: BTreeMap<InstrumentName, Arc<dyn Sensor>>,
     /// Cameras.
     pub cameras: BTreeMap<InstrumentName, Arc<dyn Camera>>,
+    /// How far from its target an axis may read after a move, in its unit; not checked where it is
+    /// not said.
+    pub tolerances: BTreeMap<InstrumentName, f64>,
     /// The number of the step under way, 0 before the first: for simulated faults.
     pub under_way: Arc<AtomicU32>,
 }

@@ -33,6 +33,7 @@ pub(crate) struct AxisFacts {
     speed: f64,
     settle: f64,
     unit: AxisUnit,
+    by_hand: bool,
 }
 
 impl AxisFacts {
@@ -65,8 +66,10 @@ impl<'a> Timing<'a> {
 
     /// The facts of an axis, if it is one.
     pub(crate) fn axis(&self, name: &InstrumentName) -> Option<AxisFacts> {
+        let by_hand = self.rig.instruments.get(name)?.still_for().is_some();
         match self.rig.instruments.get(name)? {
             Instrument::LinearAxis(axis) => Some(AxisFacts {
+                by_hand,
                 from: axis.travel.value.from.0,
                 to: axis.travel.value.to.0,
                 speed: axis.speed.0,
@@ -74,6 +77,7 @@ impl<'a> Timing<'a> {
                 unit: AxisUnit::Millimetre,
             }),
             Instrument::RotaryAxis(axis) => Some(AxisFacts {
+                by_hand,
                 from: axis.travel.value.from.0,
                 to: axis.travel.value.to.0,
                 speed: axis.speed.0,
@@ -96,6 +100,9 @@ impl<'a> Timing<'a> {
         let farthest = (target - facts.from).max(facts.to - target);
         let standing = self.standing.insert(axis.clone(), target);
         let distance = standing.map_or(farthest, |from| (target - from).abs());
+        if facts.by_hand {
+            return (tidy(PERSON), tidy(DAY));
+        }
         let time = |distance: f64| distance / facts.speed + facts.settle;
         (tidy(time(distance)), tidy(2.0 * time(farthest) + GRACE))
     }

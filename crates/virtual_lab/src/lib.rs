@@ -16,6 +16,7 @@
 pub mod config;
 mod diode;
 mod error;
+pub mod faults;
 mod geometry;
 pub mod instruments;
 mod motion;
@@ -31,8 +32,8 @@ mod tests;
 pub use config::{ErrorDraw, WorldConfig};
 pub use error::WorldError;
 pub use instruments::{
-    SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation, SimulatedThermometer,
-    SimulatedWavemeter,
+    HandMoved, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
+    SimulatedThermometer, SimulatedWavemeter,
 };
 pub use truth::{DotTruth, TargetTruth, TrueCamera, TrueParameters, Truth};
 pub use world::{History, ImagedDot, ImagedTarget, ModuleState, StageHistory, World};

@@ -35,7 +35,7 @@ const LINES: &[(&str, &str)] = &[
 /// The files of the app that may hold the simulated world, and what they may ask of it: nothing
 /// that was drawn.
 const HOLDS_THE_WORLD: &[&str] =
-    &["crates/app/src/wiring.rs", "crates/app/src/truth.rs", "crates/app/src/conduct.rs"];
+    &["crates/app/src/wiring/mod.rs", "crates/app/src/truth.rs", "crates/app/src/conduct.rs"];
 const MAY_ASK: &[&str] = &["calibrations", "clone", "as_ref", "ok_or_else"];
 
 /// `truth`, `truths`, `truth_at`, `TruePose`, `true_parameters` and their like.
@@ -141,7 +141,7 @@ fn a_reader_of_the_truth_is_found_wherever_it_is_planted() {
             "let pose = laboratory.world.as_ref().map(|w| w.truth_at(t));",
         ),
         ("crates/app/src/conduct.rs", "let dots = world.dots(&state);"),
-        ("crates/app/src/wiring.rs", "let setup = world\n    .true_parameters();"),
+        ("crates/app/src/wiring/mod.rs", "let setup = world\n    .true_parameters();"),
         ("crates/store/src/sessions.rs", "let sql = \"SELECT * FROM simulation_truth\";"),
         ("crates/store/src/lib.rs", "pub use truth::captures as hidden;"),
         ("crates/photogrammetry/src/solve/capture.rs", "fn solve(truth: &Pose) {}"),

@@ -111,6 +111,16 @@ impl Lab {
         std::fs::write(self.path(name), text).unwrap();
     }
 
+    /// Writes a rig to `rigs/NAME.yaml`, beside the files that the default rig refers to.
+    pub fn write_rig(&self, name: &str, text: &str) {
+        self.write(&format!("rigs/{name}.yaml"), text);
+        for entry in std::fs::read_dir(experiments().join("rigs/simulated")).unwrap() {
+            let path = entry.unwrap().path();
+            let name = format!("rigs/simulated/{}", path.file_name().unwrap().to_str().unwrap());
+            self.write(&name, &std::fs::read_to_string(path).unwrap());
+        }
+    }
+
     /// The program, about to run in this folder.
     pub fn command(&self) -> std::process::Command {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_beampose"));

@@ -9,6 +9,7 @@ mod calibrating;
 #[path = "../../../photogrammetry/tests/calibrating/draw.rs"]
 mod draw;
 mod exchange;
+mod fault_matrix;
 mod lab;
 mod other_pictures;
 mod plans;

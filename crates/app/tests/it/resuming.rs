@@ -20,14 +20,7 @@ fn steady_rig() -> String {
 fn steady_lab(plan: &str) -> Lab {
     let lab = Lab::new();
     lab.write("plan.yaml", plan);
-    lab.write("rigs/steady.yaml", &steady_rig());
-    let from = std::path::PathBuf::from(rig());
-    let folder = from.parent().unwrap().join("simulated");
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let name = format!("rigs/simulated/{}", path.file_name().unwrap().to_str().unwrap());
-        lab.write(&name, &std::fs::read_to_string(path).unwrap());
-    }
+    lab.write_rig("steady", &steady_rig());
     lab
 }
 

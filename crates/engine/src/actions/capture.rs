@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use beampose_core::{Camera, CaptureId, CaptureRecord, EventKind, Frame, InstrumentName, Picture};
+use beampose_core::{
+    Camera, CaptureId, CaptureRecord, EventKind, Frame, InstrumentError, InstrumentName, Picture,
+};
 use beampose_plan::OnError;
 use futures::future::join_all;
 
@@ -78,6 +80,13 @@ impl Doing<'_, '_> {
             match frame {
                 Ok(frame) => {
                     self.situation.armed.remove(*camera);
+                    if is_cut_off(&frame.bytes) {
+                        let found = format!("{} bytes that end too early", frame.bytes.len());
+                        let expected = "a whole picture".to_owned();
+                        let source = InstrumentError::Garbled { expected, found };
+                        faults.push(Fault::Instrument { name: (*camera).clone(), source });
+                    }
+                    // Half a picture is kept too: it is what there is.
                     pictures.push(picture(camera, frame));
                 }
                 Err(fault) => faults.push(fault),
@@ -102,6 +111,19 @@ fn skew(pictures: &[Picture]) -> Duration {
         (Some(first), Some(last)) => last.saturating_sub(first),
         _ => Duration::ZERO,
     }
+}
+
+/// Whether a JPEG or PNG lacks its end. While the module still stands there, the picture can be
+/// taken again.
+fn is_cut_off(bytes: &[u8]) -> bool {
+    const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
+    const END_CHUNK: &[u8; 4] = b"IEND";
+    // Some cameras fill up their last block.
+    let tail = &bytes[bytes.len().saturating_sub(1024)..];
+    if bytes.starts_with(&[0xff, 0xd8]) {
+        return !tail.windows(2).any(|two| two == END_OF_IMAGE);
+    }
+    bytes.starts_with(b"\x89PNG") && !tail.windows(4).any(|four| four == END_CHUNK)
 }
 
 fn picture(camera: &InstrumentName, frame: Frame) -> Picture {

@@ -16,6 +16,10 @@ pub(crate) enum Fault {
     NotANumber { name: InstrumentName, value: f64 },
     #[error("{name}: the plan counts in {planned:?}, the axis in {found:?}")]
     WrongUnit { name: InstrumentName, planned: AxisUnit, found: AxisUnit },
+    #[error(
+        "{name}: told to move to {target} {suffix}, it reads {read:.4} {suffix}; {tolerance} {suffix} is allowed"
+    )]
+    NotThere { name: InstrumentName, target: f64, read: f64, suffix: &'static str, tolerance: f64 },
     #[error("{0}")]
     Laser(String),
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]

@@ -224,7 +224,16 @@ impl Doing<'_, '_> {
         self.situation.moving.remove(name);
         let message = format!("{name} moved to {target} {suffix} (step {})", self.step.number);
         self.journal.note(EventKind::Moved, message);
-        self.read(name).await
+        self.read(name).await?;
+        // What a motor says of itself is not where the stage stands.
+        let read = self.situation.last.get(name).copied().unwrap_or(f64::NAN);
+        match self.bench.tolerances.get(name) {
+            Some(tolerance) if (read - target).abs() > *tolerance => {
+                let (name, tolerance) = (name.clone(), *tolerance);
+                Err(Fault::NotThere { name, target, read, suffix, tolerance })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// One after another; one that does not answer leaves the others their time.

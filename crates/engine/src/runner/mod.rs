@@ -165,6 +165,8 @@ struct Runner<'a> {
     /// When the first step of each block with a time of its own began.
     blocks: BTreeMap<u32, Duration>,
     store_error: Option<SinkError>,
+    /// The last stamp that the wall clock was held against.
+    clock_seen: Stamp,
     summary: RunSummary,
 }
 
@@ -217,6 +219,7 @@ impl<'a> Runner<'a> {
             held: vec![None; around.rules.conditions.len()],
             blocks: BTreeMap::new(),
             store_error: None,
+            clock_seen: around.clock.now(),
             summary,
         }
     }

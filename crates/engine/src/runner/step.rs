@@ -15,6 +15,10 @@ use crate::machine::{Input, Lasers};
 use crate::safe_state::{Cause, settle};
 use crate::{Notice, Wish};
 
+/// A wall clock that departs by more than this from one step to the next was set; network time
+/// slews by far less.
+const CLOCK_SET: Duration = Duration::from_secs(1);
+
 /// How a step ended.
 enum Ended {
     Done,
@@ -44,6 +48,7 @@ impl Runner<'_> {
         self.around.bench.under_way.store(step.number.0, Ordering::Relaxed);
         self.journal.observers.tell(&Notice::StepStarted(Arc::new(step.clone())));
         let started = clock.now();
+        self.watch_clock(started);
         let mut acquired = Acquired::default();
         let mut missing = Vec::new();
         let ended = match held {
@@ -85,6 +90,20 @@ impl Runner<'_> {
             events,
         });
         input
+    }
+
+    /// Notes that somebody set the wall clock. What the run does goes by the monotonic one.
+    fn watch_clock(&mut self, now: Stamp) {
+        let origin = |stamp: Stamp| {
+            let monotonic = jiff::SignedDuration::try_from(stamp.monotonic).unwrap_or_default();
+            stamp.utc.checked_sub(monotonic).unwrap_or(stamp.utc)
+        };
+        let jump = origin(now).duration_since(origin(self.clock_seen)).as_secs_f64();
+        if jump.abs() > CLOCK_SET.as_secs_f64() {
+            let message = format!("the wall clock was set by {jump:+.0} s");
+            self.journal.note(EventKind::ClockJumped, message);
+        }
+        self.clock_seen = now;
     }
 
     /// Tries a step until it is done or its policy says what becomes of it.

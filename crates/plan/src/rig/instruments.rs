@@ -34,7 +34,32 @@ choice! {
     }
 }
 
+/// How far from its target a linear axis may read after a move, where the rig says nothing.
+const TOLERANCE_MM: f64 = 0.1;
+/// How far from its target a rotary axis may read after a move, where the rig says nothing.
+const TOLERANCE_DEG: f64 = 0.02;
+
 impl Instrument {
+    /// How far from its target an axis may read after a move, in its unit.
+    #[must_use]
+    pub fn tolerance(&self) -> Option<f64> {
+        match self {
+            Self::LinearAxis(axis) => Some(axis.tolerance.map_or(TOLERANCE_MM, |t| t.0)),
+            Self::RotaryAxis(axis) => Some(axis.tolerance.map_or(TOLERANCE_DEG, |t| t.0)),
+            _ => None,
+        }
+    }
+
+    /// How long an axis that is moved by hand must have stood; `None` of one with a motor.
+    #[must_use]
+    pub fn still_for(&self) -> Option<Second> {
+        match self {
+            Self::LinearAxis(axis) => axis.by_hand.as_ref().map(|hand| hand.still_for),
+            Self::RotaryAxis(axis) => axis.by_hand.as_ref().map(|hand| hand.still_for),
+            _ => None,
+        }
+    }
+
     /// Which driver speaks to it, and where that is written.
     #[must_use]
     pub const fn driver(&self) -> &At<String> {
@@ -93,6 +118,18 @@ record! {
         settle: Second => not_negative,
         /// Standard uncertainty of its encoder.
         u: Option<Millimetre> => positive,
+        /// How far from its target it may read after a move; without it 0.1 mm.
+        tolerance: Option<Millimetre> => positive,
+        /// Where somebody moves it and the program only reads it.
+        by_hand: Option<ByHand>,
+    }
+}
+
+record! {
+    /// When an axis that is moved by hand stands where it should: within its tolerance.
+    pub struct ByHand {
+        /// For so long.
+        still_for: Second => positive,
     }
 }
 
@@ -121,6 +158,10 @@ record! {
         settle: Second => not_negative,
         /// Standard uncertainty of its encoder.
         u: Option<Degree> => positive,
+        /// How far from its target it may read after a move; without it 0.02 deg.
+        tolerance: Option<Degree> => positive,
+        /// Where somebody moves it and the program only reads it.
+        by_hand: Option<ByHand>,
     }
 }
 

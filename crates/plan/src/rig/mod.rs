@@ -11,7 +11,7 @@ use beampose_core::InstrumentName;
 
 pub use instruments::{Instrument, SIMULATED};
 pub use measurement::Measurement;
-pub use simulation::Simulation;
+pub use simulation::{FaultKind, SimulatedFault, Simulation};
 
 use crate::fault::{AsRead, At, Faults, Source};
 use crate::reader::{Maybe, Needed};

@@ -33,6 +33,68 @@ record! {
         tie_targets: Option<Vec<At<PlacedTarget>>>,
         /// What a picture is like.
         picture: SimulatedPicture,
+        /// What goes wrong, and when.
+        faults: Option<Vec<At<SimulatedFault>>>,
+    }
+}
+
+words! {
+    /// What goes wrong.
+    pub enum FaultKind ("a fault") {
+        /// Whatever it is asked, it does not answer.
+        "no_answer" => NoAnswer,
+        /// It answers, or does what it should, three seconds late.
+        "late_answer" => LateAnswer,
+        /// It answers what cannot be understood.
+        "garbled" => Garbled,
+        /// The line to it is gone.
+        "disconnect" => Disconnect,
+        /// It understands, and refuses.
+        "refused" => Refused,
+        /// An axis reads 5 units off, a sensor reads no number, a laser reads back as on.
+        "wrong_readback" => WrongReadback,
+        /// An axis sets off and does not arrive.
+        "stall" => Stall,
+        /// An axis stands 1 unit beyond its target, and says it arrived.
+        "overshoot" => Overshoot,
+        /// A camera loses a picture, and says so.
+        "dropped_frame" => DroppedFrame,
+        /// Of a picture only the first half arrives.
+        "truncated_frame" => TruncatedFrame,
+        /// A camera delivers a black picture.
+        "black_frame" => BlackFrame,
+        /// A camera answers nothing more once it is triggered, until it is reset.
+        "camera_hangs" => CameraHangs,
+        /// A laser's interlock opens.
+        "interlock_trip" => InterlockTrip,
+        /// The wavelength that a sensor reads hops by 0.3 nm.
+        "wavelength_hop" => WavelengthHop,
+        /// The store has no room.
+        "disk_full" => DiskFull,
+        /// Another program holds the database.
+        "database_busy" => DatabaseBusy,
+        /// The wall clock jumps by an hour.
+        "clock_jump" => ClockJump,
+    }
+}
+
+record! {
+    /// A fault on demand.
+    pub struct SimulatedFault {
+        /// Of what: an instrument, `store` or `clock`.
+        of: At<String>,
+        /// What goes wrong.
+        fault: At<FaultKind>,
+        /// Only in the step of this number.
+        at_step: Option<u32>,
+        /// Only after this time of the session.
+        after: Option<Second> => not_negative,
+        /// So long from the moment in which it comes.
+        lasts as "for": Option<Second> => positive,
+        /// With this probability each time that it could come; without it always.
+        probability: Option<f64> => fraction,
+        /// So many times at most.
+        times: Option<u32>,
     }
 }
 

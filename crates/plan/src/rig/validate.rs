@@ -6,7 +6,7 @@ use beampose_core::InstrumentName;
 
 use super::instruments::{Instrument, Sensor};
 use super::measurement::Measurement;
-use super::simulation::{SimulatedModule, Simulation};
+use super::simulation::{FaultKind, SimulatedModule, Simulation};
 use super::{ClockKind, RIG_VERSION, Rig, RigFile, SIMULATED};
 use crate::fault::{At, Mark};
 use crate::reader::{Maybe, Reader};
@@ -36,6 +36,7 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     }
     if let Maybe::Given(simulation) = &file.simulation {
         simulated_world(&simulation.value, &instruments.value, reader);
+        faults_of(&simulation.value, &instruments.value, reader);
         tie_targets(&simulation.value, file.measurement.0.as_ref(), &mut codes, reader);
     }
     simulation_if_needed(&file, reader);
@@ -219,5 +220,50 @@ fn named_axis(
         let axes = instruments.iter().filter(|(_, at)| is_axis(at)).map(|(name, _)| name.as_str());
         let help = suggest::help(name, axes);
         reader.fault_help(axis.mark, format!("no {kind} axis `{name}`"), help);
+    }
+}
+
+/// Every fault is of something that there is, and that can have it.
+fn faults_of(simulation: &Simulation, instruments: &Instruments, reader: &mut Reader) {
+    for fault in simulation.faults.iter().flatten() {
+        let (of, kind) = (&fault.value.of, &fault.value.fault);
+        let role = match (of.value.as_str(), instruments.get(&of.value)) {
+            ("store", _) => "store",
+            ("clock", _) => "clock",
+            (_, Some(instrument)) => instrument.value.kind(),
+            (name, None) => {
+                let names = instruments.keys().map(String::as_str).chain(["store", "clock"]);
+                let help = suggest::help(name, names);
+                reader.fault_help(of.mark, format!("there is no instrument `{name}`"), help);
+                continue;
+            }
+        };
+        if !can_have(role, kind.value) {
+            let message = format!("a {role} cannot have the fault `{}`", kind.value.as_str());
+            reader.fault(kind.mark, message);
+        }
+    }
+}
+
+/// Which faults a kind of instrument can have.
+fn can_have(role: &str, kind: FaultKind) -> bool {
+    match kind {
+        FaultKind::NoAnswer
+        | FaultKind::LateAnswer
+        | FaultKind::Garbled
+        | FaultKind::Disconnect
+        | FaultKind::Refused => !matches!(role, "store" | "clock"),
+        FaultKind::WrongReadback => {
+            matches!(role, "linear_axis" | "rotary_axis" | "sensor" | "laser")
+        }
+        FaultKind::Stall | FaultKind::Overshoot => matches!(role, "linear_axis" | "rotary_axis"),
+        FaultKind::DroppedFrame
+        | FaultKind::TruncatedFrame
+        | FaultKind::BlackFrame
+        | FaultKind::CameraHangs => role == "camera",
+        FaultKind::InterlockTrip => role == "laser",
+        FaultKind::WavelengthHop => role == "sensor",
+        FaultKind::DiskFull | FaultKind::DatabaseBusy => role == "store",
+        FaultKind::ClockJump => role == "clock",
     }
 }

@@ -1,7 +1,7 @@
 //! Simulated instruments: the core's traits on one shared world and clock.
 //!
 //! They take their time on the clock, as hardware does, and know of the world only what the
-//! hardware would tell. Faults on demand belong to the drivers' byte simulators, not here.
+//! hardware would tell. What goes wrong with them on demand is in [`crate::faults`].
 
 mod camera;
 mod laser;
@@ -11,7 +11,7 @@ mod stages;
 pub use camera::SimulatedCamera;
 pub use laser::SimulatedLaser;
 pub use sensors::{SimulatedThermometer, SimulatedWavemeter};
-pub use stages::{SimulatedRail, SimulatedRotation};
+pub use stages::{HandMoved, SimulatedRail, SimulatedRotation};
 
 use beampose_core::Identity;
 

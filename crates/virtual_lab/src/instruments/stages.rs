@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use async_trait::async_trait;
-use beampose_core::instrument::AxisUnit;
+use beampose_core::instrument::{AxisUnit, ByHand};
 use beampose_core::units::Second;
 use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
 
@@ -161,3 +161,49 @@ stage!(
     /// The rotation stage, degrees.
     SimulatedRotation, Rotation, rotation, "rotation stage"
 );
+
+/// A stage that somebody moves: told where to, the simulated person sets off at the stage's speed,
+/// and nobody waits for them here.
+pub struct HandMoved {
+    stage: Arc<dyn Axis>,
+    by_hand: ByHand,
+}
+
+impl HandMoved {
+    /// The stage, without its motor.
+    #[must_use]
+    pub fn new(stage: Arc<dyn Axis>, by_hand: ByHand) -> Self {
+        Self { stage, by_hand }
+    }
+}
+
+#[async_trait]
+impl Instrument for HandMoved {
+    async fn identify(&self) -> Result<Identity, InstrumentError> {
+        self.stage.identify().await
+    }
+}
+
+#[async_trait]
+impl Axis for HandMoved {
+    async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+        // The first poll sets the stage off; where it is then follows from the clock.
+        futures::FutureExt::now_or_never(self.stage.move_to(target)).unwrap_or(Ok(()))
+    }
+
+    async fn position(&self) -> Result<Reading, InstrumentError> {
+        self.stage.position().await
+    }
+
+    async fn stop(&self) -> Result<(), InstrumentError> {
+        self.stage.stop().await
+    }
+
+    fn unit(&self) -> AxisUnit {
+        self.stage.unit()
+    }
+
+    fn by_hand(&self) -> Option<ByHand> {
+        Some(self.by_hand)
+    }
+}

@@ -3,12 +3,14 @@
 //! To add a driver's kind: an arm in `bench`. Real drivers come from the registry of
 //! `beampose_drivers`; simulated ones share one [`World`].
 
+mod faults;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
-use beampose_core::{Clock, InstrumentName, Quantity, Stamp, VirtualClock};
+use beampose_core::{Axis, ByHand, Clock, InstrumentName, Quantity, Stamp, VirtualClock};
 use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
@@ -18,9 +20,10 @@ use beampose_virtual_lab::config::{
     RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
     ThermometerConfig, WallConfig, WavemeterConfig,
 };
+use beampose_virtual_lab::faults::Faults;
 use beampose_virtual_lab::{
-    ErrorDraw, History, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
-    SimulatedThermometer, SimulatedWavemeter, StageHistory, World, WorldConfig,
+    ErrorDraw, HandMoved, History, SimulatedCamera, SimulatedLaser, SimulatedRail,
+    SimulatedRotation, SimulatedThermometer, SimulatedWavemeter, StageHistory, World, WorldConfig,
 };
 use jiff::SignedDuration;
 
@@ -89,6 +92,8 @@ pub struct Laboratory {
     pub world: Option<Arc<World>>,
     /// What solving is told: calibrations at the size that pictures have.
     pub setup: Setup,
+    /// What goes wrong on demand.
+    pub faults: Option<Arc<Faults>>,
 }
 
 /// What an earlier run of the session leaves; nothing where there was none.
@@ -180,8 +185,15 @@ pub fn laboratory(rig: &Rig, setup: Setup, before: &Before) -> Result<Laboratory
         Some(world) => Setup { cameras: world.calibrations(), ..setup },
         None => setup,
     };
-    let bench = bench(rig, world.as_ref(), &clock.shared())?;
-    Ok(Laboratory { bench, clock, world, setup })
+    let mut bench = bench(rig, world.as_ref(), &clock.shared())?;
+    let tolerance =
+        |(name, it): (&InstrumentName, &Instrument)| Some((name.clone(), it.tolerance()?));
+    bench.tolerances = rig.instruments.iter().filter_map(tolerance).collect();
+    let faults = faults::faults(rig, &clock.shared(), &bench.under_way);
+    if let Some(faults) = &faults {
+        bench = faults::faulty(bench, faults);
+    }
+    Ok(Laboratory { bench, clock, world, setup, faults })
 }
 
 fn bench(rig: &Rig, world: Option<&Arc<World>>, clock: &Arc<dyn Clock>) -> Result<Bench, String> {
@@ -210,11 +222,11 @@ fn add_simulated(
     match instrument {
         Instrument::LinearAxis(_) => {
             let rail = SimulatedRail::new(world, clock).map_err(in_words)?;
-            bench.axes.insert(name, Arc::new(rail));
+            bench.axes.insert(name, moved(instrument, Arc::new(rail)));
         }
         Instrument::RotaryAxis(_) => {
             let stage = SimulatedRotation::new(world, clock).map_err(in_words)?;
-            bench.axes.insert(name, Arc::new(stage));
+            bench.axes.insert(name, moved(instrument, Arc::new(stage)));
         }
         Instrument::Laser(_) => {
             bench.lasers.insert(name, Arc::new(SimulatedLaser::new(world, clock)));
@@ -234,6 +246,17 @@ fn add_simulated(
         }
     }
     Ok(())
+}
+
+/// The stage as the rig has it: with a motor, or moved by hand.
+fn moved(instrument: &Instrument, stage: Arc<dyn Axis>) -> Arc<dyn Axis> {
+    match (instrument.still_for(), instrument.tolerance()) {
+        (Some(still_for), Some(tolerance)) => {
+            let by_hand = ByHand { tolerance, still_for: still_for.duration() };
+            Arc::new(HandMoved::new(stage, by_hand))
+        }
+        _ => stage,
+    }
 }
 
 /// The world that the rig declares. Only what is declared goes in: true values are the world's own.

@@ -1,0 +1,100 @@
+//! What goes wrong on demand, as the rig declares it.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU32;
+
+use beampose_core::{Clock, InstrumentName, RunSink};
+use beampose_engine::Bench;
+use beampose_plan::rig::{FaultKind as Declared, SimulatedFault};
+use beampose_plan::{Instrument, Rig};
+use beampose_virtual_lab::faults::{
+    Fault, FaultKind, Faults, FaultyAxis, FaultyCamera, FaultyClock, FaultyLaser, FaultySensor,
+    FaultySink,
+};
+
+use super::Laboratory;
+
+/// The faults of a rig; `None` of one that has none.
+pub fn faults(rig: &Rig, clock: &Arc<dyn Clock>, step: &Arc<AtomicU32>) -> Option<Arc<Faults>> {
+    let simulation = rig.simulation.as_ref()?;
+    let declared = simulation.faults.as_ref()?;
+    let simulated = |name: &str| {
+        let found = rig.instruments.get(&InstrumentName::from(name));
+        found.is_none_or(Instrument::is_simulated)
+    };
+    let faults = declared.iter().map(|at| fault(&at.value));
+    let faults = faults.filter(|fault| simulated(&fault.instrument)).collect();
+    Some(Faults::new(faults, simulation.seed, clock.clone(), step.clone()))
+}
+
+fn fault(declared: &SimulatedFault) -> Fault {
+    Fault {
+        instrument: declared.of.value.clone(),
+        kind: kind(declared.fault.value),
+        at_step: declared.at_step,
+        after: declared.after.map(|time| time.duration()),
+        lasts: declared.lasts.map(|time| time.duration()),
+        probability: declared.probability.unwrap_or(1.0),
+        times: declared.times.unwrap_or(u32::MAX),
+    }
+}
+
+const fn kind(declared: Declared) -> FaultKind {
+    match declared {
+        Declared::NoAnswer => FaultKind::NoAnswer,
+        Declared::LateAnswer => FaultKind::LateAnswer,
+        Declared::Garbled => FaultKind::Garbled,
+        Declared::Disconnect => FaultKind::Disconnect,
+        Declared::Refused => FaultKind::Refused,
+        Declared::WrongReadback => FaultKind::WrongReadback,
+        Declared::Stall => FaultKind::Stall,
+        Declared::Overshoot => FaultKind::Overshoot,
+        Declared::DroppedFrame => FaultKind::DroppedFrame,
+        Declared::TruncatedFrame => FaultKind::TruncatedFrame,
+        Declared::BlackFrame => FaultKind::BlackFrame,
+        Declared::CameraHangs => FaultKind::CameraHangs,
+        Declared::InterlockTrip => FaultKind::InterlockTrip,
+        Declared::WavelengthHop => FaultKind::WavelengthHop,
+        Declared::DiskFull => FaultKind::DiskFull,
+        Declared::DatabaseBusy => FaultKind::DatabaseBusy,
+        Declared::ClockJump => FaultKind::ClockJump,
+    }
+}
+
+impl Laboratory {
+    /// The clock that the run goes by, with its faults.
+    pub fn run_clock(&self) -> Arc<dyn Clock> {
+        let clock = self.clock.shared();
+        match &self.faults {
+            Some(faults) => Arc::new(FaultyClock::new(clock, faults.clone())),
+            None => clock,
+        }
+    }
+
+    /// What goes wrong when the run stores, if anything is to.
+    pub fn faulty_sink<'a>(&self, store: &'a dyn RunSink) -> Option<FaultySink<'a>> {
+        Some(FaultySink::new(store, self.faults.clone()?))
+    }
+}
+
+/// The bench, each instrument with its faults.
+pub fn faulty(bench: Bench, faults: &Arc<Faults>) -> Bench {
+    macro_rules! wrap {
+        ($map:expr, $faulty:ident) => {
+            $map.into_iter()
+                .map(|(name, it)| {
+                    let faulty = $faulty::new(it, name.as_str(), faults.clone());
+                    (name, Arc::new(faulty) as _)
+                })
+                .collect()
+        };
+    }
+    Bench {
+        axes: wrap!(bench.axes, FaultyAxis),
+        lasers: wrap!(bench.lasers, FaultyLaser),
+        sensors: wrap!(bench.sensors, FaultySensor),
+        cameras: wrap!(bench.cameras, FaultyCamera),
+        tolerances: bench.tolerances,
+        under_way: bench.under_way,
+    }
+}
