@@ -11,18 +11,21 @@ use beampose_engine::{Control, Earlier, EngineError, Observers, RunSummary, Surr
 use beampose_photogrammetry::solve::Method;
 use beampose_store::{Store, StoredCapture};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
+use tracing::Instrument as _;
 
 use crate::cli::report::exit_of;
 use crate::cli::sessions::plain_table;
 use crate::cli::solve::solve_session;
 use crate::cli::{Ended, close};
 use crate::input::Checked;
+use crate::notify::Hook;
 use crate::operator::{Answers, Desk, answers};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, adjust_session};
 use crate::progress::Progress;
 use crate::remote::{Mailbox, listen};
 use crate::rescue::rescue;
+use crate::rig_lock::RigLock;
 use crate::session_lock::SessionLock;
 use crate::session_report::{input, load, method_of, prepare, write};
 use crate::truth;
@@ -73,6 +76,10 @@ pub struct Shown {
     /// terminal is asked
     #[arg(long, value_name = "FILE")]
     pub answers: Option<PathBuf>,
+    /// A command that is run when the run ends or needs a person, with a JSON object on its standard
+    /// input: `event` (paused, asked, laser_unknown, ended), `session`, and what belongs to it
+    #[arg(long, value_name = "COMMAND", env = "BEAMPOSE_NOTIFY")]
+    pub notify: Option<String>,
 }
 
 impl Shown {
@@ -111,6 +118,7 @@ impl Session {
         let folder = shown.folder(self.header.id)?;
         prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let session = self.header.id;
+        let rig_lock = RigLock::take(&self.checked.rig, session).map_err(Ended::input)?;
         let plan = &self.checked.plan;
         let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
         let progress = Progress::new(
@@ -125,26 +133,34 @@ impl Session {
             AbortOnDrop(tokio::spawn(mailbox.obey(control.clone()))),
         ];
 
+        crate::log::to_session(&folder)
+            .map_err(|error| Ended::input(format!("{}: {error}", folder.display())))?;
         let (captured, to_solve) = unbounded_channel();
         let (triggered, to_note) = unbounded_channel();
         for id in &self.captures {
             // Solved again with those to come: one processing holds them all.
             let _gone = captured.send(id.clone());
         }
-        let observers = Observers::none().display(progress.clone()).on_capture(move |capture| {
+        let mut observers = Observers::none().display(progress.clone());
+        if let Some(command) = &shown.notify {
+            observers = observers.display(Hook::new(command, session));
+        }
+        let observers = observers.on_capture(move |capture| {
             // A receiver that is gone has told its own error.
             let at = capture.pictures.first().map(|p| p.requested);
             let _gone = captured.send(capture.id.clone());
             let _gone = at.map(|at| triggered.send((capture.id, at)));
         });
-        let solving = tokio::spawn(solve_captures(
+        let solving = solve_captures(
             store.clone(),
             session,
             Arc::new(self.laboratory.setup.clone()),
             methods,
             to_solve,
             progress.clone(),
-        ));
+        );
+        let span = tracing::info_span!("session", id = %session);
+        let solving = tokio::spawn(solving.instrument(span));
         let recording = self.laboratory.world.clone().map(|world| {
             let store = store.clone();
             tokio::spawn(async move { truth::record(&store, session, &world, to_note).await })
@@ -152,6 +168,8 @@ impl Session {
 
         let desk = Desk::new(self.answers.clone(), &control);
         let ended = self.engine(&store, observers, &control, &desk).await;
+        // From here on nothing is driven any more.
+        drop(rig_lock);
         if let Err(EngineError::NotStored { summary, .. }) = &ended {
             match rescue(&folder, &summary.unstored) {
                 Ok(rescued) => complain(&format!(
@@ -274,6 +292,13 @@ async fn conclude(
                 result_json: serde_json::to_string(result)?,
             })
             .await?;
+    }
+    if let Some(command) = &shown.notify {
+        let hook = Hook::new(command, id);
+        let report = written.html.display().to_string();
+        let (outcome, verdict) = (ending.outcome.as_str(), input.verdict.as_str());
+        let ended = serde_json::json!({ "outcome": outcome, "verdict": verdict, "report": report });
+        tokio::task::spawn_blocking(move || hook.tell("ended", ended)).await?;
     }
     if shown.json {
         print(

@@ -1,19 +1,13 @@
 //! One program at a time runs a session.
-//!
-//! The operating system holds the lock and lets it go when the program ends, however it ends: there
-//! is no stale lock. The file says who holds it, for people.
 
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use beampose_core::SessionId;
 
+use crate::file_lock::{FileLock, NotTaken, this_program};
+
 /// Held while a session runs.
-pub struct SessionLock {
-    file: File,
-    path: PathBuf,
-}
+pub struct SessionLock(#[expect(dead_code, reason = "held, not read")] FileLock);
 
 impl SessionLock {
     /// Takes the lock of a session in a database.
@@ -23,33 +17,12 @@ impl SessionLock {
     pub fn take(database: &Path, session: SessionId) -> Result<Self, String> {
         let mut path = database.as_os_str().to_owned();
         path.push(format!(".{session}.lock"));
-        let path = PathBuf::from(path);
-        let cannot = |error: std::io::Error| format!("{}: {error}", path.display());
-        let mut options = OpenOptions::new();
-        let file = options.read(true).write(true).create(true).truncate(false).open(&path);
-        let mut file = file.map_err(cannot)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                let holder = std::fs::read_to_string(&path).unwrap_or_default();
-                return Err(format!(
-                    "session {session} is being run by {}\n  help: stop it first (Ctrl-C there)",
-                    holder.trim()
-                ));
-            }
-            Err(TryLockError::Error(error)) => return Err(cannot(error)),
+        match FileLock::take(&PathBuf::from(path), &this_program()) {
+            Ok(lock) => Ok(Self(lock)),
+            Err(NotTaken::Held(by)) => Err(format!(
+                "session {session} is being run by {by}\n  help: stop it first (Ctrl-C there)"
+            )),
+            Err(NotTaken::Cannot(why)) => Err(why),
         }
-        let now = jiff::Timestamp::now();
-        file.set_len(0).and_then(|()| file.rewind()).map_err(cannot)?;
-        writeln!(file, "process {} since {now:.0}", std::process::id()).map_err(cannot)?;
-        Ok(Self { file, path })
-    }
-}
-
-impl Drop for SessionLock {
-    fn drop(&mut self) {
-        // A file that stays is no lock: it is only not tidy.
-        let _stays = std::fs::remove_file(&self.path);
-        let _released = self.file.unlock();
     }
 }

@@ -37,6 +37,10 @@ struct Cli {
     /// Tell more on standard error (-v, -vv); RUST_LOG has the last word
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
+
+    /// How lines of the log look, on standard error and in the session's file
+    #[arg(long, global = true, value_enum, value_name = "FORMAT", default_value = "text")]
+    log_format: crate::log::Format,
 }
 
 const AFTER_HELP: &str = "\
@@ -159,7 +163,7 @@ pub fn main() -> ExitCode {
             return code.into();
         }
     };
-    log(cli.verbose);
+    crate::log::begin(cli.verbose, cli.log_format);
     let ended = match cli.command {
         Command::Check(check) => check.execute(),
         Command::Calibrate(calibrate) => calibrate.execute(),
@@ -186,17 +190,6 @@ pub fn main() -> ExitCode {
 
 fn with_runtime(command: impl Future<Output = Result<Exit, Ended>>) -> Result<Exit, Ended> {
     tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(command)
-}
-
-fn log(verbose: u8) {
-    use tracing_subscriber::filter::EnvFilter;
-    let default = match verbose {
-        0 => "warn",
-        1 => "info",
-        _ => "debug",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
 }
 
 /// The folder of a session's report: `--out`, else `reports/` and the session's id.

@@ -116,6 +116,11 @@ fn ctrl_c_once_pauses_and_a_word_from_elsewhere_lets_the_run_go_on_to_its_end() 
     assert!(ended.err.contains("paused, everything is safe: Ctrl-C"), "{}", ended.err);
     let last = ended.json_lines().pop().unwrap();
     assert_eq!((&last["outcome"], &last["captures"]), (&"completed".into(), &60.into()));
+    // The log of the session says so too, each line with session and step.
+    let log = std::fs::read_to_string(lab.path("report/run.log")).unwrap();
+    let line = log.lines().find(|line| line.contains("kind=Moved")).unwrap();
+    let span = format!("session{{id={}}}:step{{number=", last["session"].as_str().unwrap());
+    assert!(line.contains(&span), "{line}");
     let shown = lab.beampose(&["sessions", "latest", "--json"]).expect_code(0).json();
     let events = shown["events"].as_array().unwrap();
     let at = |kind: &str| events.iter().position(|event| event["kind"] == kind).unwrap();
@@ -141,6 +146,41 @@ fn a_run_that_is_told_to_stop_or_to_halt_says_so_and_can_be_resumed() {
     }
 }
 
+/// A rig whose rail has an address is one rail, whichever file names it.
+#[test]
+fn two_runs_never_drive_the_same_instrument_and_a_dead_one_is_named() {
+    let text = std::fs::read_to_string(crate::lab::rig()).unwrap();
+    let rail = "  rail:\n    linear_axis:\n      driver: simulated\n";
+    let text = crate::lab::replaced(&text, rail, &format!("{rail}      address: /dev/ttyUSB0\n"));
+    let lab = Lab::new();
+    lab.write_rig("mine", &text);
+    lab.write_rig("theirs", &text);
+    lab.write("plan.yaml", &plan(1, 200, 100));
+    let command = |rig: &str| {
+        let mut command = lab.command();
+        command.env("BEAMPOSE_LOCKS", lab.path("locks"));
+        command.args(["run", "plan.yaml", "--rig", rig, "--picture-scale", SCALE]);
+        command.args(["--out", rig.trim_end_matches(".yaml"), "--db", &format!("{rig}.db")]);
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    };
+    let mut mine = command("rigs/mine.yaml").spawn().unwrap();
+    let locks = lab.path("locks");
+    let end = Instant::now() + Duration::from_secs(60);
+    while std::fs::read_dir(&locks).map_or(0, Iterator::count) == 0 && Instant::now() < end {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let theirs = Ended::of(&command("rigs/theirs.yaml").output().unwrap()).expect_code(2);
+    let driven = format!("rail (simulated /dev/ttyUSB0) is driven by process {}", mine.id());
+    assert!(theirs.err.contains(&driven), "{}", theirs.err);
+    // Killed, it holds nobody up; whose it was is said.
+    mine.kill().unwrap();
+    mine.wait().unwrap();
+    let after = Ended::of(&command("rigs/theirs.yaml").output().unwrap()).expect_code(0);
+    let died = format!("rail was driven by process {}", mine.id());
+    assert!(after.err.contains(&died) && after.err.contains("which died"), "{}", after.err);
+}
+
 #[test]
 fn a_plan_that_asks_goes_by_a_file_of_answers() {
     let lab = Lab::new();
@@ -155,7 +195,18 @@ fn a_plan_that_asks_goes_by_a_file_of_answers() {
     assert!(nobody.err.contains("there is nobody to ask"), "{}", nobody.err);
     lab.write("answers.yaml", "operator: 'Jean d''Arc; DROP TABLE answers'\nwarm: true\n");
     let with = [&run[..], &["--out", "report", "--answers", "answers.yaml"]].concat();
-    lab.beampose(&with).expect_code(0);
+    let notified =
+        [&with[..], &["--notify", "cat >> told.jsonl"], &["--log-format", "json"]].concat();
+    lab.beampose(&notified).expect_code(0);
+    let told = std::fs::read_to_string(lab.path("told.jsonl")).unwrap();
+    let told: Vec<serde_json::Value> =
+        told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((&told[0]["event"], &told[1]["event"]), (&"asked".into(), &"asked".into()));
+    let last = told.last().unwrap();
+    assert_eq!((&last["event"], &last["outcome"]), (&"ended".into(), &"completed".into()));
+    let log = std::fs::read_to_string(lab.path("report/run.log")).unwrap();
+    let line: serde_json::Value = serde_json::from_str(log.lines().last().unwrap()).unwrap();
+    assert!(line["fields"]["message"].is_string(), "{line}");
     let shown = lab.beampose(&["sessions", "latest", "--json"]).expect_code(0).json();
     let events = shown["events"].as_array().unwrap();
     let said: Vec<_> = events.iter().filter(|e| e["kind"] == "answered").collect();

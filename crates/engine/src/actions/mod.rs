@@ -99,6 +99,13 @@ impl Journal<'_> {
     }
 
     pub(crate) fn note_event(&mut self, event: Event) {
+        let kind = event.kind;
+        match kind {
+            EventKind::LaserUnknown | EventKind::StepFailed | EventKind::StoreFailed => {
+                tracing::warn!(?kind, "{}", event.message);
+            }
+            _ => tracing::info!(?kind, "{}", event.message),
+        }
         self.observers.tell(&Notice::Event(event.clone()));
         self.events.push(event);
     }

@@ -16,6 +16,7 @@ use beampose_core::{
 };
 use beampose_plan::{Rules, Section, Step};
 use futures::future::join_all;
+use tracing::Instrument as _;
 
 use crate::actions::{Fault, Journal, Situation};
 use crate::machine::{Command, Input, Lasers, Machine};
@@ -135,12 +136,15 @@ async fn follow(
     around: &Surroundings<'_>,
 ) -> Result<RunSummary, EngineError> {
     around.observers.tell(&Notice::Opened(Arc::new(header.clone())));
-    let mut runner = Runner::new(steps, header, earlier, around);
-    let outcome = runner.follow_machine().await;
-    if runner.summary.lasers == Lasers::Off {
-        guard.disarm();
-    }
-    runner.close(outcome).await
+    let following = async {
+        let mut runner = Runner::new(steps, header, earlier, around);
+        let outcome = runner.follow_machine().await;
+        if runner.summary.lasers == Lasers::Off {
+            guard.disarm();
+        }
+        runner.close(outcome).await
+    };
+    following.instrument(tracing::info_span!("session", id = %header.id)).await
 }
 
 struct Runner<'a> {
@@ -234,7 +238,10 @@ impl<'a> Runner<'a> {
         loop {
             input = match machine.next(input) {
                 Command::Prepare => self.prepare().await,
-                Command::Run { step } => self.step(&steps[step]).await,
+                Command::Run { step } => {
+                    let span = tracing::info_span!("step", number = steps[step].number.0);
+                    self.step(&steps[step]).instrument(span).await
+                }
                 Command::Secure => {
                     let cause = self.cause.take().unwrap_or(Cause::SessionEnd);
                     Input::Secured(self.secure(&cause).await)

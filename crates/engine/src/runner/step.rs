@@ -46,6 +46,7 @@ impl Runner<'_> {
             return self.see_wish(step.section).map_or(Input::Wished(Wish::Pause), Input::Wished);
         };
         self.around.bench.under_way.store(step.number.0, Ordering::Relaxed);
+        tracing::debug!("{step}");
         self.journal.observers.tell(&Notice::StepStarted(Arc::new(step.clone())));
         let started = clock.now();
         self.watch_clock(started);
