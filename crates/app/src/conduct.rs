@@ -96,11 +96,19 @@ impl Shown {
     /// # Errors
     /// When a file is in its place: better now than after an hour.
     pub fn folder(&self, session: SessionId) -> Result<PathBuf, Ended> {
-        let folder = crate::cli::report_folder(self.out.as_ref(), session);
-        if folder.exists() && !folder.is_dir() {
-            return Err(Ended::input(format!("{} is a file, not a folder", folder.display())));
+        self.refuse_a_file()?;
+        Ok(crate::cli::report_folder(self.out.as_ref(), session))
+    }
+
+    /// # Errors
+    /// When a file is where the report's folder should be.
+    pub fn refuse_a_file(&self) -> Result<(), Ended> {
+        match &self.out {
+            Some(out) if out.exists() && !out.is_dir() => {
+                Err(Ended::input(format!("{} is a file, not a folder", out.display())))
+            }
+            _ => Ok(()),
         }
-        Ok(folder)
     }
 }
 
@@ -121,11 +129,7 @@ impl Session {
         let rig_lock = RigLock::take(&self.checked.rig, session).map_err(Ended::input)?;
         let plan = &self.checked.plan;
         let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
-        let progress = Progress::new(
-            self.checked.summary.steps.len() as u64,
-            self.checked.summary.captures as u64,
-            !shown.quiet && !shown.json,
-        );
+        let progress = Progress::new(&self.checked.summary, !shown.quiet && !shown.json);
         let control = Control::new();
         let mailbox = Mailbox::of(store.path(), session);
         let _listening = [

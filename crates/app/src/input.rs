@@ -58,6 +58,9 @@ pub struct Origin {
     pub rig: PathBuf,
     /// What the command line changed of the rig.
     pub overrides: Overrides,
+    /// How long the run was thought to take when it began, s: the estimate and its range.
+    #[serde(default)]
+    pub estimated_s: Option<[f64; 3]>,
 }
 
 impl Origin {
@@ -67,7 +70,9 @@ impl Origin {
     /// When the current folder is not known.
     pub fn of(plan: &Path, checked: &Checked, overrides: Overrides) -> std::io::Result<Self> {
         let (plan, rig) = (std::path::absolute(plan)?, std::path::absolute(&checked.rig_path)?);
-        Ok(Self { plan, rig, overrides })
+        let estimate = checked.summary.estimate.as_ref();
+        let estimated_s = estimate.map(|e| [e.time.0, e.range[0].0, e.range[1].0]);
+        Ok(Self { plan, rig, overrides, estimated_s })
     }
 }
 

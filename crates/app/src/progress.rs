@@ -2,11 +2,15 @@
 //! not a terminal.
 
 use std::io::IsTerminal as _;
+use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::instrument::AxisUnit;
+use beampose_core::units::Second;
 use beampose_engine::{Notice, Observer};
 use beampose_photogrammetry::solve::Method;
+use beampose_plan::Summary;
+use beampose_plan::check::clock;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::output::complain;
@@ -17,15 +21,29 @@ use crate::pipeline::Solved;
 pub struct Progress {
     steps: ProgressBar,
     solved: ProgressBar,
+    /// How long each step should take, s, in their order.
+    each: Arc<[f64]>,
+    /// What of that is left.
+    left: f64,
 }
 
 impl Progress {
-    /// Bars for a run of `steps` steps and `captures` captures; hidden unless `shown` and standard
-    /// error is a terminal.
-    pub fn new(steps: u64, captures: u64, shown: bool) -> Self {
+    /// Bars for a run; hidden unless `shown` and standard error is a terminal.
+    pub fn new(summary: &Summary, shown: bool) -> Self {
+        let each: Arc<[f64]> = match &summary.estimate {
+            Some(estimate) => estimate.each.iter().map(|time| time.0).collect(),
+            None => summary.steps.iter().map(|step| step.expected.0).collect(),
+        };
+        Self::with(each, summary.captures as u64, shown)
+    }
+
+    fn with(each: Arc<[f64]>, captures: u64, shown: bool) -> Self {
+        let left = each.iter().sum();
         if !shown || !std::io::stderr().is_terminal() {
-            return Self { steps: ProgressBar::hidden(), solved: ProgressBar::hidden() };
+            let (steps, solved) = (ProgressBar::hidden(), ProgressBar::hidden());
+            return Self { steps, solved, each, left };
         }
+        let steps = each.len() as u64;
         let bars = MultiProgress::new();
         let bar = |length: u64, template: &str| {
             let style = ProgressStyle::with_template(template)
@@ -38,15 +56,17 @@ impl Progress {
         Self {
             steps: bar(
                 steps,
-                "  run    {bar:28.cyan/dim} {pos:>4}/{len:<4} {elapsed_precise} elapsed, {eta_precise} left  {wide_msg:.dim}",
+                "  run    {bar:28.cyan/dim} {pos:>4}/{len:<4} {elapsed_precise} elapsed  {wide_msg:.dim}",
             ),
+            each,
+            left,
             solved: bar(captures, "  solve  {bar:28.green/dim} {pos:>4}/{len:<4} {wide_msg}"),
         }
     }
 
     /// Bars for solving alone.
     pub fn solving(captures: u64, shown: bool) -> Self {
-        let progress = Self::new(0, captures, shown);
+        let progress = Self::with(Arc::from([]), captures, shown);
         progress.steps.finish_and_clear();
         progress
     }
@@ -86,8 +106,16 @@ impl Progress {
 impl Observer for Progress {
     fn notice(&mut self, notice: &Notice) {
         match notice {
-            Notice::StepStarted(step) => self.steps.set_message(step.to_string()),
-            Notice::StepDone(_) => self.steps.inc(1),
+            // By the session's clock: in virtual time it is over sooner.
+            Notice::StepStarted(step) => {
+                let left = clock(Second(self.left.max(0.0)));
+                self.steps.set_message(format!("{left} left  {step}"));
+            }
+            Notice::StepDone(record) => {
+                let place = usize::try_from(record.number.0).unwrap_or(0).wrapping_sub(1);
+                self.left -= self.each.get(place).copied().unwrap_or(0.0);
+                self.steps.inc(1);
+            }
             Notice::Closed(_) => self.steps.set_message("done"),
             Notice::Paused { reason } => self.say(&format!(
                 "beampose: paused, everything is safe: {reason}\n  Enter or `beampose tell SESSION go-on` goes on"

@@ -21,6 +21,7 @@ use beampose_photogrammetry::{Setup, decode};
 use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
+use crate::journal_notes::{notes, out_of_limits};
 use crate::pipeline::solution_of;
 
 /// A stored session with one of its processings.
@@ -37,6 +38,8 @@ pub struct Loaded {
     pub captures: Vec<ReportCapture>,
     /// The captures as stored.
     pub stored: Vec<StoredCapture>,
+    /// Readings outside the limits that the plan accepts.
+    out_of_limits: Vec<String>,
 }
 
 /// Loads a session with its newest processing.
@@ -57,7 +60,8 @@ pub async fn load(store: &Store, id: SessionId) -> anyhow::Result<Loaded> {
     for capture in &stored {
         captures.push(report_capture(store, &processing, capture).await?);
     }
-    Ok(Loaded { session, plan, setup, processing, captures, stored })
+    let out_of_limits = out_of_limits(store, session.header.id).await?;
+    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits })
 }
 
 /// A session's plan; an imported one has none, since another program took its pictures.
@@ -150,7 +154,10 @@ impl Loaded {
 
     /// The verdict on the session with its analysis.
     pub fn verdict(&self, result: Option<&TranslationResult>) -> Verdict {
-        let analysis = result.map_or(Verdict::Inconclusive, |r| r.verdict);
+        let mut analysis = result.map_or(Verdict::Inconclusive, |r| r.verdict);
+        if !self.out_of_limits.is_empty() {
+            analysis = analysis.worse(Verdict::Fail);
+        }
         Verdict::of_session(self.outcome(), analysis)
     }
 }
@@ -247,7 +254,8 @@ fn travel_capture(
 pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput> {
     let id = loaded.session.header.id;
     let result = loaded.translation();
-    let reasons = result.as_ref().map(|r| r.reasons.clone()).unwrap_or_default();
+    let mut reasons = result.as_ref().map(|r| r.reasons.clone()).unwrap_or_default();
+    reasons.extend(loaded.out_of_limits.iter().cloned());
     let frames_px = loaded
         .setup
         .cameras
@@ -267,7 +275,7 @@ pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput
         frames_px,
         environment: environment(store, id).await?,
         provenance: provenance(store, loaded).await?,
-        notes: Vec::new(),
+        notes: notes(store, &loaded.session).await?,
     })
 }
 

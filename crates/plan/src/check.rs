@@ -4,6 +4,7 @@ use std::fmt;
 
 use beampose_core::units::Second;
 
+use crate::estimate::Estimate;
 use crate::expand::{Expanded, expand_with_warnings};
 use crate::fault::{AsRead, Fault, Faults};
 use crate::hash::plan_hash;
@@ -32,6 +33,8 @@ pub struct Summary {
     pub plan_hash: String,
     /// How long it should take, by the session's clock.
     pub expected: Second,
+    /// How long it will take by what is stored of the same rig, where somebody looked.
+    pub estimate: Option<Estimate>,
     /// How many captures.
     pub captures: usize,
     /// How many pictures in them.
@@ -61,6 +64,7 @@ pub fn check(plan: &Plan, rig: &Rig) -> Result<Summary, Faults> {
         rig_title: rig.title.clone(),
         plan_hash: plan_hash(&steps, &rules),
         expected: Second(steps.iter().map(|step| step.expected.0).sum()),
+        estimate: None,
         captures: pictures.len(),
         pictures: pictures.iter().map(|names| names.len()).sum(),
         picture_bytes: bytes.round() as u64,
@@ -128,8 +132,13 @@ impl fmt::Display for Summary {
         writeln!(f, "rig       {}", self.rig_title)?;
         writeln!(f, "steps     {}", self.steps.len())?;
         writeln!(f, "captures  {} with {} pictures", self.captures, self.pictures)?;
-        writeln!(f, "time      about {}", clock(self.expected))?;
-        writeln!(f, "disk      about {:.0} MB", self.picture_bytes as f64 / 1e6)?;
+        match &self.estimate {
+            Some(estimate) => writeln!(f, "{estimate}")?,
+            None => {
+                writeln!(f, "time      about {} (as the rig says)", clock(self.expected))?;
+                writeln!(f, "disk      about {:.0} MB", self.picture_bytes as f64 / 1e6)?;
+            }
+        }
         write!(f, "hash      {}", self.plan_hash)?;
         for warning in &self.warnings {
             write!(f, "\n\n{warning}")?;
@@ -138,8 +147,23 @@ impl fmt::Display for Summary {
     }
 }
 
+/// Two lines of a summary.
+impl fmt::Display for Estimate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [from, to] = self.range.map(clock);
+        let sessions = match self.sessions {
+            1 => "1 session".to_owned(),
+            n => format!("{n} sessions"),
+        };
+        let time = clock(self.time);
+        writeln!(f, "time      about {time} ({from} to {to}; from {sessions} on this rig)")?;
+        write!(f, "disk      about {:.0} MB", self.bytes / 1e6)
+    }
+}
+
 /// `1 h 23 min`, `12 min 5 s`, `9 s`.
-fn clock(time: Second) -> String {
+#[must_use]
+pub fn clock(time: Second) -> String {
     let seconds = time.0.round() as u64;
     match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
         (0, 0, s) => format!("{s} s"),

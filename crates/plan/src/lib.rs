@@ -7,6 +7,7 @@
 //! expansion; the JSON Schema follows by itself.
 
 pub mod check;
+pub mod estimate;
 pub mod expand;
 pub mod fault;
 pub mod hash;
@@ -25,6 +26,7 @@ mod timing;
 mod tree;
 
 pub use check::{Summary, check, check_both};
+pub use estimate::{Estimate, History, estimate};
 pub use expand::expand;
 pub use fault::{AsRead, At, Fault, Faults, Mark, Severity, Source};
 pub use hash::plan_hash;

@@ -13,6 +13,7 @@
 mod disk;
 mod error;
 mod gaps;
+mod history;
 mod open;
 mod pictures;
 mod policies;
@@ -31,6 +32,7 @@ use std::path::{Path, PathBuf};
 use sqlx::SqlitePool;
 
 pub use error::StoreError;
+pub use history::PastSession;
 pub use open::path_of;
 pub use rows::{
     NewProcessing, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow, SessionSummary,

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::Ended;
+use super::{Database, Ended, close};
 use crate::calibration;
+use crate::estimating::learned;
 use crate::input::checked;
 use crate::output::{Exit, print};
 use crate::settings::Overrides;
@@ -26,16 +27,24 @@ pub struct Check {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    database: Database,
 }
 
 impl Check {
-    pub fn execute(&self) -> Result<Exit, Ended> {
-        let checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
+    pub async fn execute(self) -> Result<Exit, Ended> {
+        let mut checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
             .map_err(Ended::input)?;
         let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
         // Instruments are built, not connected: what `run` would refuse, `check` says.
         wiring::laboratory(&checked.rig, setup, &Before::default()).map_err(Ended::input)?;
+        // What is stored of this rig says more than the rig; a database is not made for that.
+        if let Ok(store) = self.database.open_existing().await {
+            checked.summary.estimate = learned(&store, &checked.summary).await?;
+            close(store).await;
+        }
         let summary = &checked.summary;
+        let estimate = summary.estimate.as_ref();
         if self.json {
             let object = serde_json::json!({
                 "title": summary.title,
@@ -43,6 +52,10 @@ impl Check {
                 "steps": summary.steps,
                 "plan_hash": summary.plan_hash,
                 "expected_s": summary.expected.0,
+                "estimated_s": estimate.map(|e| e.time.0),
+                "estimated_range_s": estimate.map(|e| e.range.map(|time| time.0)),
+                "estimated_bytes": estimate.map(|e| e.bytes),
+                "estimated_from_sessions": estimate.map_or(0, |e| e.sessions),
                 "captures": summary.captures,
                 "pictures": summary.pictures,
                 "picture_bytes": summary.picture_bytes,

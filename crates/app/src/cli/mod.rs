@@ -165,7 +165,7 @@ pub fn main() -> ExitCode {
     };
     crate::log::begin(cli.verbose, cli.log_format);
     let ended = match cli.command {
-        Command::Check(check) => check.execute(),
+        Command::Check(check) => with_runtime(check.execute()),
         Command::Calibrate(calibrate) => calibrate.execute(),
         Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),

@@ -7,6 +7,7 @@ use beampose_core::{SessionHeader, SessionId, Stamp};
 use super::{Database, Ended};
 use crate::calibration;
 use crate::conduct::{Session, Shown};
+use crate::estimating::learned;
 use crate::input::{Checked, Origin, checked};
 use crate::output::{Exit, complain};
 use crate::pipeline::SOFTWARE;
@@ -37,7 +38,7 @@ pub struct Run {
 
 impl Run {
     pub async fn execute(self) -> Result<Exit, Ended> {
-        let checked =
+        let mut checked =
             checked(&self.plan, self.rig.as_deref(), &self.overrides).map_err(Ended::input)?;
         for warning in &checked.summary.warnings {
             complain(&warning.to_string());
@@ -45,11 +46,12 @@ impl Run {
         let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
         let laboratory =
             wiring::laboratory(&checked.rig, setup, &Before::default()).map_err(Ended::input)?;
+        let answers = self.shown.read_answers()?;
+        self.shown.refuse_a_file()?;
+        let store = self.database.open().await?;
+        checked.summary.estimate = learned(&store, &checked.summary).await?;
         let origin = Origin::of(&self.plan, &checked, self.overrides)?;
         let header = header(&checked, &laboratory, &origin)?;
-        self.shown.folder(header.id)?;
-        let answers = self.shown.read_answers()?;
-        let store = self.database.open().await?;
         let lock = SessionLock::take(store.path(), header.id).map_err(Ended::input)?;
         let (earlier, captures) = (None, Vec::new());
         let session = Session { checked, laboratory, header, earlier, captures, answers };

@@ -173,3 +173,43 @@ fn the_score_holds_its_contract() {
         assert!((0.0..=1.0).contains(&coverage));
     }
 }
+
+#[test]
+fn a_plan_that_ran_before_takes_what_check_says() {
+    let lab = Lab::new();
+    let text = plan(1, 200, 100);
+    lab.run(&text, &[]).expect_code(0);
+    let rig = crate::lab::rig();
+    let check =
+        |plan: &str| lab.beampose(&["check", plan, "--rig", &rig, "--json"]).expect_code(0).json();
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    let estimate = check("plan.yaml");
+    assert_eq!(estimate["estimated_from_sessions"], 1);
+    lab.run(&text, &[]).expect_code(0);
+    let took = lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        let session = store.session(id).await.unwrap();
+        let closed = session.closed.unwrap().monotonic;
+        (closed - session.header.opened.monotonic).as_secs_f64()
+    });
+    let estimated = number(&estimate["estimated_s"]);
+    assert!((estimated / took - 1.0).abs() < 0.05, "{estimated} s estimated, {took} s taken");
+    let range = &estimate["estimated_range_s"];
+    assert!(number(&range[0]) <= took && took <= number(&range[1]), "{range} {took}");
+    // Pictures as large as those that were taken: at this scale, far below what the rig says.
+    let bytes = lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        let captures = store.captures(id).await.unwrap();
+        captures.iter().flat_map(|c| &c.pictures).map(|p| p.size_bytes as f64).sum::<f64>()
+    });
+    let estimated = number(&estimate["estimated_bytes"]);
+    assert!((estimated / bytes - 1.0).abs() < 0.05, "{estimated} bytes estimated, {bytes} taken");
+    // Another plan on the same rig: its captures are as those were, its waits as it says.
+    lab.write("other.yaml", &plan(2, 300, 100));
+    let other = check("other.yaml");
+    assert_eq!(other["estimated_from_sessions"], 2);
+    assert!(number(&other["estimated_s"]) > number(&estimate["estimated_s"]));
+    // The report holds the estimate against what it took.
+    let page = std::fs::read_to_string(lab.path("report/report.html")).unwrap();
+    assert!(page.contains("estimated at its beginning"));
+}
