@@ -112,7 +112,8 @@ fn only_the_store_knows_sql() {
         .filter(|edge| ["sqlx", "sqlite", "diesel"].iter().any(|sql| edge.to.contains(sql)))
         .map(|edge| edge.from.as_str())
         .collect();
-    assert_eq!(users, BTreeSet::from(["beampose-store"]));
+    // The tests measure a bare transaction beside one of ours.
+    assert_eq!(users, BTreeSet::from(["beampose-store", "beampose-tests"]));
 }
 
 /// The crates that only some files may name.
