@@ -40,6 +40,16 @@ pub fn checked(plan: &Path, rig: Option<&Path>, overrides: &Overrides) -> Result
         }
         return Err(plan_read.faults.to_string());
     };
+    if rig.is_none() {
+        // Plans and rigs stand side by side in folders of their own.
+        let beside = plan.parent().unwrap_or(Path::new("")).join("..");
+        if let Err(Outside::Elsewhere) = within(&beside, &path) {
+            return Err(format!(
+                "{plan_name}: its rig is far from it: {}\n  help: name it with --rig FILE",
+                path.display()
+            ));
+        }
+    }
     let rig_read = file(&path, read_rig_as_it_is);
     let (plan, rig, summary) =
         check_both(plan_read, rig_read).map_err(|faults| faults.to_string())?;
@@ -90,10 +100,40 @@ fn file<T>(path: &Path, read: impl Fn(&str, &[u8]) -> AsRead<T>) -> AsRead<T> {
 /// Which file and why, for people.
 pub fn referred(folder: &Path, name: &str, what: &str) -> Result<String, String> {
     let path = folder.join(name);
-    let text = std::fs::read(&path).map_err(|error| {
-        let fault = beampose_plan::source::unreadable(&path.display().to_string(), &error);
-        format!("{fault}\n  it is the rig's {what}")
+    let of_rig = |fault: &dyn std::fmt::Display| format!("{fault}\n  it is the rig's {what}");
+    let unreadable = |error: &std::io::Error| {
+        of_rig(&beampose_plan::source::unreadable(&path.display().to_string(), error))
+    };
+    within(folder, &path).map_err(|why| match why {
+        Outside::Unreadable(error) => unreadable(&error),
+        Outside::Elsewhere => of_rig(&format!(
+            "{}: a rig's files are in its own folder; this one is elsewhere",
+            path.display()
+        )),
     })?;
+    let size = std::fs::metadata(&path).map_err(|error| unreadable(&error))?.len();
+    if size > MAX_REFERRED {
+        let message = format!("{}: {size} bytes; at most {MAX_REFERRED} are read", path.display());
+        return Err(of_rig(&message));
+    }
+    let text = std::fs::read(&path).map_err(|error| unreadable(&error))?;
     String::from_utf8(text)
         .map_err(|error| format!("{}: {what} is not UTF-8: {error}", path.display()))
+}
+
+/// More than any calibration, pattern or table of beams has.
+const MAX_REFERRED: u64 = 16 << 20;
+
+/// Why a file is not taken for one of a folder's.
+enum Outside {
+    Unreadable(std::io::Error),
+    Elsewhere,
+}
+
+/// Whether a file is in a folder or below it, links followed: what comes from elsewhere names
+/// nothing of this machine.
+fn within(folder: &Path, path: &Path) -> Result<(), Outside> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let real = |path: &Path| path.canonicalize().map_err(Outside::Unreadable);
+    if real(path)?.starts_with(real(folder)?) { Ok(()) } else { Err(Outside::Elsewhere) }
 }

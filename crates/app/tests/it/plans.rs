@@ -53,3 +53,43 @@ fn every_plan_runs_on_its_rig_solves_all_and_passes() {
         }
     }
 }
+
+/// A plan and a rig from elsewhere, and a file of this machine that is none of theirs.
+fn foreign(rig: &str) -> Lab {
+    let lab = Lab::new();
+    lab.write("secret.yaml", "password: hunter2\n");
+    lab.write_rig("foreign", rig);
+    lab.write("plan.yaml", &crate::lab::plan(1, 100, 100));
+    lab
+}
+
+#[track_caller]
+fn is_refused(lab: &Lab, arguments: &[&str], why: &str) {
+    let ended = lab.beampose(arguments).expect_code(2);
+    assert!(ended.err.contains(why) && !ended.err.contains("hunter2"), "{}", ended.err);
+}
+
+const RIG: [&str; 4] = ["check", "plan.yaml", "--rig", "rigs/foreign.yaml"];
+
+#[test]
+fn a_plan_or_a_rig_from_elsewhere_reads_nothing_outside_its_folder() {
+    let rig = std::fs::read_to_string(crate::lab::rig()).unwrap();
+    for elsewhere in ["../secret.yaml", "simulated/../../secret.yaml", "/etc/hostname"] {
+        let text = crate::lab::replaced(&rig, "simulated/pattern.yaml", elsewhere);
+        is_refused(&foreign(&text), &RIG, "a rig's files are in its own folder");
+    }
+    let lab = foreign(&rig);
+    let plan = "version: 1\ntitle: x\nexperiment: acquisition\nrig: ../../secret.yaml\nsteps: []\n";
+    lab.write("a/b/plan.yaml", plan);
+    is_refused(&lab, &["check", "a/b/plan.yaml"], "its rig is far from it");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_in_a_rig_s_folder_leads_nowhere_else() {
+    let lab = foreign(&std::fs::read_to_string(crate::lab::rig()).unwrap());
+    let pattern = lab.path("rigs/simulated/pattern.yaml");
+    std::fs::remove_file(&pattern).unwrap();
+    std::os::unix::fs::symlink(lab.path("secret.yaml"), &pattern).unwrap();
+    is_refused(&lab, &RIG, "a rig's files are in its own folder");
+}
