@@ -1,12 +1,13 @@
 //! Ring-coded targets: found by their centre disc, measured on its edge, read around it.
 //!
-//! Chords of discs are found on every few rows ([`candidates`]); an ellipse goes through points of
-//! the edge ([`ellipse`]); the blurred edge itself is then fitted to the pixels ([`edge_fit`]); the
-//! ring is read through the ellipse's affine map ([`decode`]). A code that is not clear is refused.
-//! Not corrected here: the eccentricity of circle images and lens distortion.
+//! Chords of discs are found on every few rows ([`chords`]); an ellipse ([`ellipse`]) goes through
+//! points of the edge ([`candidates`]); the blurred edge itself is then fitted to the pixels
+//! ([`edge_fit`]); the ring is read through the ellipse's affine map ([`decode`]). A code that is
+//! not clear is refused. Not corrected here: the eccentricity of circle images and lens distortion.
 
 mod band;
 mod candidates;
+mod chords;
 mod decode;
 mod edge_fit;
 mod ellipse;
@@ -22,7 +23,8 @@ use super::background::typical_noise;
 use super::{ImagePoint, Target, bands};
 use crate::image::GrayImage;
 use crate::scene::{RING_BITS, canonical_code, ring_sectors};
-use candidates::{Blob, Chord, ChordScan};
+use candidates::Blob;
+use chords::{Chord, ChordScan};
 use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
@@ -218,17 +220,12 @@ fn measure(image: &GrayImage, ellipse: &Ellipse, options: &TargetOptions) -> Opt
         return None;
     }
     let EdgeFit { ellipse, levels, covariance } = edge_fit::fit(image, ellipse)?;
-    let [large, small] = ellipse.semi_axes();
-    let fits = small >= options.min_semi_axis
-        && large <= options.max_semi_axis
-        && large <= options.max_axis_ratio * small
-        && levels.contrast() >= options.min_contrast;
-    if !fits {
+    if !is_wanted(&ellipse, levels.contrast(), options) {
         return None;
     }
     let code = decode::read(image, &ellipse, &levels, options.code_margin)?;
     let point = ImagePoint { at: ellipse.centre, covariance };
-    Some(Target { code, point, semi_axes: [large, small], angle: ellipse.angle() })
+    Some(Target { code, point, semi_axes: ellipse.semi_axes(), angle: ellipse.angle() })
 }
 
 impl Target {
