@@ -3,7 +3,9 @@
 
 #![expect(clippy::expect_used, reason = "a benchmark that cannot be set up stops")]
 
-use beampose_photogrammetry::detect::{DotOptions, TargetOptions, find_dots, find_targets};
+use beampose_photogrammetry::detect::{
+    DotOptions, TargetOptions, find_dots, find_dots_and_targets,
+};
 use beampose_photogrammetry::{GrayImage, decode};
 
 fn main() {
@@ -31,7 +33,7 @@ fn dots(bencher: divan::Bencher, name: &str) {
 #[divan::bench(args = PICTURES)]
 fn dots_and_targets(bencher: divan::Bencher, name: &str) {
     let image = picture(name);
-    bencher.bench(|| {
-        (find_dots(&image, &DotOptions::default()), find_targets(&image, &TargetOptions::default()))
-    });
+    let one = one_thread();
+    let (dots, targets) = (DotOptions::default(), TargetOptions::default());
+    bencher.bench(|| one.install(|| find_dots_and_targets(&image, &dots, &targets)));
 }

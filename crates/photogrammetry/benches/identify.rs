@@ -3,38 +3,19 @@
 
 #![expect(clippy::expect_used, reason = "a benchmark that cannot be set up stops")]
 
+#[path = "../tests/solving/scene.rs"]
+#[expect(dead_code, clippy::unwrap_used, reason = "the tests use more of it, and may panic")]
+mod scene;
+
 use beampose_photogrammetry::identify::{View, label_views};
-use beampose_photogrammetry::pose::Station;
-use beampose_photogrammetry::{Order, Pattern, PatternModel, PatternUncertainty};
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use beampose_photogrammetry::{Order, Pattern};
+use nalgebra::{Vector2, Vector3};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use scene::{look_at, pattern};
 
 fn main() {
     divan::main();
-}
-
-fn pattern() -> Pattern {
-    Pattern {
-        columns: 11,
-        rows: 11,
-        reference_wavelength_nm: 658.0,
-        model: PatternModel::RadialGrid {
-            pitch_mm: 52.22,
-            k1_per_mm2: 3.5e-8,
-            distance_mm: 1000.0,
-        },
-        u: PatternUncertainty { angle_deg: 0.0013, common_relative: 1e-4 },
-        zero_order_relative_intensity: Some(3.0),
-    }
-}
-
-fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
-    let centre = Vector3::from(centre);
-    let z = (Vector3::from(target) - centre).normalize();
-    let x = z.cross(&Vector3::y()).normalize();
-    let frame = Matrix3::from_columns(&[x, z.cross(&x), z]);
-    Station { centre, rotation: Rotation3::from_matrix_unchecked(frame) }
 }
 
 /// The dots on the wall z = 0 and, left of `edge`, on one at right angles to it.

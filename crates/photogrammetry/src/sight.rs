@@ -1,13 +1,15 @@
 //! Pictures of one capture to sightings, on all threads of the pool.
 //!
 //! Decoding is most of the work and cannot be divided, so all decodes begin first; whoever is free
-//! meanwhile looks for dots and targets in what is decoded already. What is found does not depend on
-//! who finds it when.
+//! meanwhile looks for dots and targets in what is decoded already. At the end there are fewer
+//! pictures than threads: then dots and targets of one picture are looked for side by side. What is
+//! found does not depend on who finds it when.
 
 use std::sync::OnceLock;
 
 use crate::detect::{
-    DotOptions, DotsFound, Target, TargetOptions, drop_dots_on_targets, find_dots, find_targets,
+    DotOptions, DotsFound, Target, TargetOptions, drop_dots_on_targets, find_dots,
+    find_dots_and_targets, find_targets,
 };
 use crate::image::GrayImage;
 use crate::solve::Sighting;
@@ -19,7 +21,7 @@ pub enum Stage {
     Begun,
     /// It is decoded, or could not be.
     Decoded,
-    /// Its targets or its dots were found (told twice).
+    /// Its dots and targets were found (told twice where side by side).
     Detected,
 }
 
@@ -42,6 +44,8 @@ pub fn sight_all<F: Sync, E: Send + Sync>(
 ) -> Vec<Result<Sighting, E>> {
     let pictures: Vec<Picture<E>> = files.iter().map(|_| Picture::new()).collect();
     let (read, told) = (&read, &told);
+    // In the last round of decodes some threads have none.
+    let rounds_end = files.len() - files.len() % rayon::current_num_threads();
     rayon::scope_fifo(|scope| {
         for (i, (file, picture)) in files.iter().zip(&pictures).enumerate() {
             scope.spawn_fifo(move |scope| {
@@ -49,14 +53,13 @@ pub fn sight_all<F: Sync, E: Send + Sync>(
                 let image = picture.image.get_or_init(|| read(file));
                 told(i, Stage::Decoded);
                 let Ok(image) = image else { return };
-                scope.spawn_fifo(move |_| {
-                    picture.targets.get_or_init(|| find_targets(image, &TargetOptions::default()));
-                    told(i, Stage::Detected);
-                });
-                scope.spawn_fifo(move |_| {
-                    picture.dots.get_or_init(|| find_dots(image, &DotOptions::default()));
-                    told(i, Stage::Detected);
-                });
+                let detected = move || told(i, Stage::Detected);
+                if i < rounds_end {
+                    scope.spawn_fifo(move |_| picture.find(image, detected));
+                } else {
+                    scope.spawn_fifo(move |_| picture.find_targets(image, detected));
+                    scope.spawn_fifo(move |_| picture.find_dots(image, detected));
+                }
             });
         }
     });
@@ -66,6 +69,25 @@ pub fn sight_all<F: Sync, E: Send + Sync>(
 impl<E> Picture<E> {
     fn new() -> Self {
         Self { image: OnceLock::new(), dots: OnceLock::new(), targets: OnceLock::new() }
+    }
+
+    /// Dots and targets in one pass.
+    fn find(&self, image: &GrayImage, done: impl Fn()) {
+        let (dot_options, target_options) = (DotOptions::default(), TargetOptions::default());
+        let (dots, targets) = find_dots_and_targets(image, &dot_options, &target_options);
+        self.dots.get_or_init(|| dots);
+        self.targets.get_or_init(|| targets);
+        done();
+    }
+
+    fn find_dots(&self, image: &GrayImage, done: impl Fn()) {
+        self.dots.get_or_init(|| find_dots(image, &DotOptions::default()));
+        done();
+    }
+
+    fn find_targets(&self, image: &GrayImage, done: impl Fn()) {
+        self.targets.get_or_init(|| find_targets(image, &TargetOptions::default()));
+        done();
     }
 
     /// What was found; always there once the scope has ended.

@@ -63,19 +63,7 @@ mod tests {
 
     #[test]
     fn the_map_counts_each_point_once_in_its_cell() {
-        let camera = Camera {
-            width: 120,
-            height: 90,
-            fx: 100.0,
-            fy: 100.0,
-            cx: 59.5,
-            cy: 44.5,
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            k3: 0.0,
-        };
+        let camera = Camera::without_distortion([120, 90], [100.0, 100.0], [59.5, 44.5]);
         let view = SolvedView {
             name: String::new(),
             station: Station { centre: Vector3::zeros(), rotation: Rotation3::identity() },

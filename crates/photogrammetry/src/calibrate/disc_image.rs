@@ -71,17 +71,11 @@ mod tests {
     use crate::solve::circle_image_offset;
 
     const CAMERA: Camera = Camera {
-        width: 640,
-        height: 480,
-        fx: 610.0,
-        fy: 607.0,
-        cx: 325.0,
-        cy: 236.0,
         k1: -0.12,
         k2: 0.05,
         p1: 8e-4,
         p2: -5e-4,
-        k3: 0.0,
+        ..Camera::without_distortion([640, 480], [610.0, 607.0], [325.0, 236.0])
     };
 
     fn station() -> Station {

@@ -47,7 +47,7 @@ pub fn start_camera(
     }
     let f = unit / inverse_square.sqrt();
     let (cx, cy) = (middle.x, middle.y);
-    Ok(Camera { width, height, fx: f, fy: f, cx, cy, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 })
+    Ok(Camera::without_distortion([width, height], [f, f], [cx, cy]))
 }
 
 /// The homography of a view, its first two columns of unit size together.

@@ -224,19 +224,7 @@ mod tests {
 
     #[test]
     fn what_a_parameter_moves_is_the_length_of_its_derivative() {
-        let camera = Camera {
-            width: 640,
-            height: 480,
-            fx: 500.0,
-            fy: 500.0,
-            cx: 320.0,
-            cy: 240.0,
-            k1: 0.0,
-            k2: 0.0,
-            p1: 0.0,
-            p2: 0.0,
-            k3: 0.0,
-        };
+        let camera = Camera::without_distortion([640, 480], [500.0, 500.0], [320.0, 240.0]);
         let (sin, cos) = 0.3f64.sin_cos();
         let radius = 0.4;
         let point = nalgebra::Vector3::new(radius * cos, radius * sin, 1.0);

@@ -44,6 +44,16 @@ pub struct Projection {
 }
 
 impl Camera {
+    /// A pinhole: picture size (width, height), focal lengths and principal point (x, y), pixels.
+    #[must_use]
+    pub const fn without_distortion(
+        [width, height]: [usize; 2],
+        [fx, fy]: [f64; 2],
+        [cx, cy]: [f64; 2],
+    ) -> Self {
+        Self { width, height, fx, fy, cx, cy, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
+    }
+
     /// Projects a point of the camera frame. `None` behind the camera, and beyond the radius where
     /// the distortion polynomial folds back.
     #[must_use]

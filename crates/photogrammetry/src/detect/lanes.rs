@@ -3,7 +3,9 @@
 //! Own functions rather than the system's: they vectorise, and give the same bits on every machine.
 //! Sums run in [`LANES`] fixed lanes, so their order never depends on who calls.
 
-use std::ops::{Add, AddAssign, Mul};
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
+
+use wide::f32x8;
 
 /// Numbers that are summed side by side.
 pub(super) const LANES: usize = 8;
@@ -41,30 +43,55 @@ pub(super) fn ln(x: f32) -> f32 {
     2.0 * z * (1.0 + zz * series) + exponent * std::f32::consts::LN_2
 }
 
-/// Numbers side by side.
+/// Numbers side by side. Explicitly so: left to itself, the compiler transposes sums that stand
+/// beside each other, which costs more than it saves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Lanes(pub(super) [f32; LANES]);
+pub(super) struct Lanes(f32x8);
 
 impl Lanes {
     /// All zero.
-    pub(super) const ZERO: Self = Self([0.0; LANES]);
+    pub(super) const ZERO: Self = Self(f32x8::ZERO);
+
+    /// These numbers.
+    #[inline]
+    pub(super) fn new(values: [f32; LANES]) -> Self {
+        Self(f32x8::from(values))
+    }
 
     /// The same number in all lanes.
     #[inline]
     pub(super) fn all(value: f32) -> Self {
-        Self([value; LANES])
+        Self(f32x8::splat(value))
     }
 
     /// From a slice of [`LANES`] numbers; zeros from a shorter one.
     #[inline]
     pub(super) fn from_slice(values: &[f32]) -> Self {
-        values.try_into().map_or(Self::ZERO, Self)
+        values.try_into().map_or(Self::ZERO, Self::new)
+    }
+
+    /// The numbers.
+    #[inline]
+    pub(super) fn values(&self) -> [f32; LANES] {
+        self.0.to_array()
+    }
+
+    /// This where a number lies between two others, ends excluded, and zero elsewhere.
+    #[inline]
+    pub(super) fn where_between(self, low: Self, number: Self, high: Self) -> Self {
+        Self(low.0.simd_lt(number.0) & number.0.simd_lt(high.0) & self.0)
+    }
+
+    /// The smaller of two, neither of which may be NaN.
+    #[inline]
+    pub(super) fn min(self, other: Self) -> Self {
+        Self(self.0.fast_min(other.0))
     }
 
     /// Sum of the lanes.
     #[inline]
     pub(super) fn total(&self) -> f32 {
-        let [a, b, c, d, e, f, g, h] = self.0;
+        let [a, b, c, d, e, f, g, h] = self.values();
         ((a + e) + (b + f)) + ((c + g) + (d + h))
     }
 }
@@ -73,7 +100,15 @@ impl Add for Lanes {
     type Output = Self;
     #[inline]
     fn add(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] + other.0[l]))
+        Self(self.0 + other.0)
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Self;
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        Self(self.0 - other.0)
     }
 }
 
@@ -81,7 +116,15 @@ impl Mul for Lanes {
     type Output = Self;
     #[inline]
     fn mul(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] * other.0[l]))
+        Self(self.0 * other.0)
+    }
+}
+
+impl Div for Lanes {
+    type Output = Self;
+    #[inline]
+    fn div(self, other: Self) -> Self {
+        Self(self.0 / other.0)
     }
 }
 
@@ -92,14 +135,25 @@ impl AddAssign for Lanes {
     }
 }
 
+/// Sums of products of an array with several others of the same length, a multiple of [`LANES`].
+#[inline]
+pub(super) fn dots<const N: usize>(a: &[f32], others: [&[f32]; N]) -> [f32; N] {
+    let mut sums = [Lanes::ZERO; N];
+    let others = others.map(|b| &b[..a.len()]);
+    for at in (0..a.len() / LANES).map(|i| i * LANES) {
+        let here = Lanes::from_slice(&a[at..at + LANES]);
+        for (sum, b) in sums.iter_mut().zip(others) {
+            *sum += here * Lanes::from_slice(&b[at..at + LANES]);
+        }
+    }
+    sums.map(|sum| sum.total())
+}
+
 /// Sum of products of two arrays of the same length, a multiple of [`LANES`].
 #[inline]
 pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sum = Lanes::ZERO;
-    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
-        sum += Lanes::from_slice(a) * Lanes::from_slice(b);
-    }
-    sum.total()
+    let [sum] = dots(a, [b]);
+    sum
 }
 
 #[cfg(test)]
@@ -125,5 +179,7 @@ mod tests {
     fn products_are_summed_over_all_lanes() {
         let a: Vec<f32> = (0..24).map(|i| i as f32).collect();
         assert_eq!(dot(&a, &a), 4324.0);
+        let ones = vec![1.0; 24];
+        assert_eq!(dots(&a, [&ones, &a, &ones[..24]]), [276.0, 4324.0, 276.0]);
     }
 }

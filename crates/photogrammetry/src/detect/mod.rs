@@ -10,12 +10,43 @@ mod targets;
 #[cfg(test)]
 mod testing;
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
+
+use crate::image::GrayImage;
 
 pub use dots::{CentreMethod, DotOptions, DotsFound, NoiseModel, drop_dots_on_targets, find_dots};
 pub(crate) use targets::{PlainDisc, find_plain_discs};
 pub use targets::{TargetOptions, find_targets, is_usable_code, usable_codes};
+
+/// Rows of a picture that are looked at together: they stay in the cache meanwhile.
+const BAND_ROWS: usize = 16;
+
+/// The bands of a picture, from top to bottom.
+fn bands(image: &GrayImage) -> impl Iterator<Item = Range<usize>> {
+    let height = image.height;
+    (0..height).step_by(BAND_ROWS).map(move |first| first..(first + BAND_ROWS).min(height))
+}
+
+/// Finds dots and targets in one pass over a picture: the same as by [`find_dots`] and
+/// [`find_targets`].
+#[must_use]
+pub fn find_dots_and_targets(
+    image: &GrayImage,
+    dot_options: &DotOptions,
+    target_options: &TargetOptions,
+) -> (DotsFound, Vec<Target>) {
+    let mut dots = dots::DotScan::new(image, dot_options);
+    let noise = background::typical_noise(image);
+    let mut targets = targets::TargetScan::new(image, noise, target_options);
+    for band in bands(image) {
+        dots.look(band.clone());
+        targets.look(band);
+    }
+    (dots::measure_dots(dots, image, dot_options), targets.finish())
+}
 
 /// A measured image point.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -279,8 +279,8 @@ fn unsolved(setup: &Setup, method: Method, scale: f64, reason: &str) -> MethodRe
     }
 }
 
-/// The module as a camera inside the adjustment (chapter 5): dots that one camera alone sees take
-/// part as well.
+/// The module as a camera inside the adjustment (chapter 5), with the dots that identification named:
+/// those which two cameras or more see.
 fn by_virtual_camera(
     setup: &Setup,
     cameras: &[Oriented<'_>],

@@ -10,17 +10,11 @@ use nalgebra::{DVector, Vector2, Vector3};
 use crate::draw::{Lens, look_at, twelve_stations};
 
 const CAMERA: Camera = Camera {
-    width: 640,
-    height: 480,
-    fx: 610.0,
-    fy: 607.5,
-    cx: 325.4,
-    cy: 236.2,
     k1: -0.12,
     k2: 0.05,
     p1: 8e-4,
     p2: -5e-4,
-    k3: 0.0,
+    ..Camera::without_distortion([640, 480], [610.0, 607.5], [325.4, 236.2])
 };
 
 /// Chi-square of eight degrees of freedom exceeds this once in a thousand.

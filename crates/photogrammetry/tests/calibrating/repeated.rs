@@ -20,19 +20,11 @@ fn ten(seed: u64, change: impl Fn(usize, &mut Camera)) -> Stability {
     let calibrations: Vec<_> = (0..10)
         .map(|i| {
             let [f, x, y] = SIGMA.map(|sigma| sigma * deviate());
-            let mut camera = Camera {
-                width: 3456,
-                height: 2592,
-                fx: 3529.0 + f,
-                fy: 3529.0 + f,
-                cx: 1740.0 + x,
-                cy: 1280.0 + y,
-                k1: 0.0,
-                k2: 0.0,
-                p1: 0.0,
-                p2: 0.0,
-                k3: 0.0,
-            };
+            let mut camera = Camera::without_distortion(
+                [3456, 2592],
+                [3529.0 + f, 3529.0 + f],
+                [1740.0 + x, 1280.0 + y],
+            );
             change(i, &mut camera);
             let covariance = (0..3)
                 .map(|r| (0..3).map(|c| if r == c { SIGMA[r] * SIGMA[r] } else { 0.0 }).collect());
@@ -106,19 +98,7 @@ fn mean_scatter_and_range_are_those_of_the_values() {
     let calibrations: Vec<_> = [3529.0, 3531.0, 3530.0, 3534.0]
         .iter()
         .map(|fx| {
-            let camera = Camera {
-                width: 10,
-                height: 10,
-                fx: *fx,
-                fy: 3500.0,
-                cx: 5.0,
-                cy: 5.0,
-                k1: 0.0,
-                k2: 0.0,
-                p1: 0.0,
-                p2: 0.0,
-                k3: 0.0,
-            };
+            let camera = Camera::without_distortion([10, 10], [*fx, 3500.0], [5.0, 5.0]);
             (String::new(), camera, None)
         })
         .collect();
@@ -135,19 +115,7 @@ fn mean_scatter_and_range_are_those_of_the_values() {
 
 #[test]
 fn calibrations_of_different_cameras_are_not_compared() {
-    let camera = |width| Camera {
-        width,
-        height: 480,
-        fx: 500.0,
-        fy: 500.0,
-        cx: 320.0,
-        cy: 240.0,
-        k1: 0.0,
-        k2: 0.0,
-        p1: 0.0,
-        p2: 0.0,
-        k3: 0.0,
-    };
+    let camera = |width| Camera::without_distortion([width, 480], [500.0, 500.0], [320.0, 240.0]);
     let one = ("a".to_owned(), camera(640), None);
     assert_eq!(compare(std::slice::from_ref(&one)), Err(StabilityError::TooFew));
     let told = compare(&[one, ("b".to_owned(), camera(641), None)]).unwrap_err().to_string();

@@ -14,17 +14,12 @@ use rand_distr::{Distribution, Normal};
 use crate::draw::{look_at, twelve_stations};
 
 const CAMERA: Camera = Camera {
-    width: 3456,
-    height: 2592,
-    fx: 3529.0,
-    fy: 3527.0,
-    cx: 1740.0,
-    cy: 1280.0,
     k1: -0.11,
     k2: 0.06,
     p1: 3e-4,
     p2: -2e-4,
     k3: 0.01,
+    ..Camera::without_distortion([3456, 2592], [3529.0, 3527.0], [1740.0, 1280.0])
 };
 const SIGMA: f64 = 0.05;
 

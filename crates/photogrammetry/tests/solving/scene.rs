@@ -116,12 +116,29 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
+/// A station that looks at a point, with its rows level.
+pub fn look_at(centre: [f64; 3], target: [f64; 3]) -> Station {
     let centre = Vector3::from(centre);
     let z = (Vector3::from(target) - centre).normalize();
     let x = z.cross(&Vector3::y()).normalize();
     let frame = Matrix3::from_columns(&[x, z.cross(&x), z]);
     Station { centre, rotation: Rotation3::from_matrix_unchecked(frame) }
+}
+
+/// The fan of the dissertation, with its calibration's uncertainty.
+pub fn pattern() -> Pattern {
+    Pattern {
+        columns: 11,
+        rows: 11,
+        reference_wavelength_nm: 658.0,
+        model: PatternModel::RadialGrid {
+            pitch_mm: 52.22,
+            k1_per_mm2: 3.5e-8,
+            distance_mm: 1000.0,
+        },
+        u: PatternUncertainty { angle_deg: 0.0013, common_relative: 1e-4 },
+        zero_order_relative_intensity: Some(3.0),
+    }
 }
 
 fn setup(cameras: Cameras<'_>) -> Setup {
@@ -153,18 +170,7 @@ fn setup(cameras: Cameras<'_>) -> Setup {
     let target = |(code, xyz_mm)| ArtefactTarget { code, xyz_mm, u_mm: 0.01, radius_mm: 6.0 };
     Setup {
         cameras: cameras.iter().map(|(name, _)| ((*name).to_owned(), camera)).collect(),
-        pattern: Pattern {
-            columns: 11,
-            rows: 11,
-            reference_wavelength_nm: 658.0,
-            model: PatternModel::RadialGrid {
-                pitch_mm: 52.22,
-                k1_per_mm2: 3.5e-8,
-                distance_mm: 1000.0,
-            },
-            u: PatternUncertainty { angle_deg: 0.0013, common_relative: 1e-4 },
-            zero_order_relative_intensity: Some(3.0),
-        },
+        pattern: pattern(),
         artefact: Artefact { targets: places.map(target).into(), scale_relative_u: 5e-5 },
         tie_targets: Some(TieTargets { radius_mm: 6.0 }),
         module_prior: None,

@@ -98,17 +98,20 @@ fn misfit(lags: &[Lag], area: f64, contrast2: f64) -> f64 {
 /// how much the variance has grown over that of the fit.
 const PLANES: usize = 3 + 2 * PARAMETERS;
 
-/// Bright pixels of a dot, plane by plane, rows one after another with room between them: a shift
-/// by a lag never meets the next row. Zero where a pixel is not bright.
+/// Bright pixels of a dot, plane by plane, rows one after another with room between them and behind
+/// the last: a shift by a lag never meets the next row or plane. Zero where a pixel is not bright.
 struct Core {
     stride: usize,
-    /// Length of a plane.
+    /// Length of a plane, and of the room behind it.
     size: usize,
+    room: usize,
     planes: Vec<f32>,
 }
 
-/// The largest lag along a row.
+/// The largest lag along a row or column.
 const MOST_LAG: usize = 6;
+/// Lags whose sums are made side by side.
+const TOGETHER: usize = 4;
 
 /// Factor of a normal matrix: lower triangle, the diagonal inverted.
 type Factor = [[f32; PARAMETERS]; PARAMETERS];
@@ -132,14 +135,15 @@ impl Core {
         let factor = factor(fit)?;
         let stride = (window.padded_width() + MOST_LAG).next_multiple_of(LANES);
         let size = stride * (window.y[1] - window.y[0]);
-        let mut core = Self { stride, size, planes: vec![0.0; size * PLANES] };
+        let room = (MOST_LAG + 1) * stride;
+        let mut core = Self { stride, size, room, planes: vec![0.0; (size + room) * PLANES] };
         let mut first = 0;
         let variances = [&Variance::new(noise), &Variance::new(present)];
         window.walk(image, &fit.gaussian, &fit.weighting(present), |row| {
             for at in (0..row.u.len()).step_by(LANES) {
                 let values = bright(row, at, limits, &factor, variances);
-                for (plane, value) in core.planes.chunks_exact_mut(size).zip(values) {
-                    plane[first + at..first + at + LANES].copy_from_slice(&value.0);
+                for (plane, value) in core.planes.chunks_exact_mut(size + room).zip(values) {
+                    plane[first + at..first + at + LANES].copy_from_slice(&value.values());
                 }
             }
             first += stride;
@@ -147,23 +151,29 @@ impl Core {
         Some(core)
     }
 
-    /// Adds the sums of products at all lags.
+    /// Adds the sums of products at all lags, several lags side by side.
     fn add_lags(&self, lags: &mut [Lag]) {
-        let planes: Vec<&[f32]> = self.planes.chunks_exact(self.size).collect();
+        let planes: Vec<&[f32]> = self.planes.chunks_exact(self.size + self.room).collect();
         let (model, grown) = planes[3..].split_at(PARAMETERS);
-        for (lag, (dx, dy)) in lags.iter_mut().zip(LAGS) {
-            let offset = dy * self.stride + dx;
-            let length = self.size.saturating_sub(offset) / LANES * LANES;
-            if length == 0 {
-                continue;
-            }
-            let sum = |a: &[f32], b: &[f32]| {
-                f64::from(lanes::dot(&a[..length], &b[offset..offset + length]))
+        for (lags, shifts) in lags.chunks_mut(TOGETHER).zip(LAGS.chunks(TOGETHER)) {
+            let offsets: [usize; TOGETHER] = std::array::from_fn(|i| {
+                let (dx, dy) = shifts[i.min(shifts.len() - 1)];
+                dy * self.stride + dx
+            });
+            let sums = |a: &[f32], b: &[f32]| {
+                let shifted = offsets.map(|offset| &b[offset..offset + self.size]);
+                lanes::dots(&a[..self.size], shifted).map(f64::from)
             };
-            let followed: f64 = grown.iter().zip(model).map(|(a, b)| sum(a, b)).sum();
-            lag.product += sum(planes[0], planes[0]) + followed;
-            lag.power += sum(planes[1], planes[1]);
-            lag.variance += sum(planes[2], planes[2]);
+            let [product, power, variance] = [0, 1, 2].map(|i| sums(planes[i], planes[i]));
+            let mut followed = [0.0; TOGETHER];
+            for part in grown.iter().zip(model).map(|(a, b)| sums(a, b)) {
+                followed.iter_mut().zip(part).for_each(|(all, sum)| *all += sum);
+            }
+            for (i, lag) in lags.iter_mut().enumerate() {
+                lag.product += product[i] + followed[i];
+                lag.power += power[i];
+                lag.variance += variance[i];
+            }
         }
     }
 }
@@ -184,8 +194,9 @@ impl Variance {
         }
     }
 
-    fn of(&self, f: f32) -> f32 {
-        self.read + f * (self.photon + self.speckle * f)
+    fn of(&self, f: Lanes) -> Lanes {
+        let [read, photon, speckle] = [self.read, self.photon, self.speckle].map(Lanes::all);
+        read + f * (photon + speckle * f)
     }
 }
 
@@ -200,12 +211,14 @@ fn bright(
     let lanes = |values: &[f32]| Lanes::from_slice(&values[at..at + LANES]);
     let (u, f, e, w) = (lanes(row.u), lanes(row.f), lanes(row.e), lanes(row.w));
     let v = Lanes::all(row.v);
-    let mask = Lanes(std::array::from_fn(|l| {
-        if (f.0[l] > least) & (f.0[l] < most) & (w.0[l] > 0.0) { 1.0 } else { 0.0 }
-    }));
-    let variance = Lanes(f.0.map(|f| noise.of(f)));
-    let growth =
-        Lanes(std::array::from_fn(|l| (variance.0[l] / present.of(f.0[l])).min(MOST_GROWTH)));
+    let infinite = Lanes::all(f32::INFINITY);
+    let mask = Lanes::all(1.0).where_between(Lanes::all(least), f, Lanes::all(most)).where_between(
+        Lanes::ZERO,
+        w,
+        infinite,
+    );
+    let variance = noise.of(f);
+    let growth = (variance / present.of(f)).min(Lanes::all(MOST_GROWTH));
     let fm = f * mask;
     let mut model = [fm, fm * u, fm * v, fm * u * u, fm * u * v, fm * v * v, mask];
     for k in 0..PARAMETERS {

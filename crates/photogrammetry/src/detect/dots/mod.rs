@@ -26,13 +26,18 @@ mod window;
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 
-use super::{Dot, DotQuality, ImagePoint, Target};
+use super::{Dot, DotQuality, ImagePoint, Target, bands};
 use crate::image::GrayImage;
 use components::Candidate;
 use fit::{Fit, FitLimits, Rest};
+pub(super) use scan::DotScan;
 
 /// Rounds of noise and fits in turns; two do for clean pictures, speckle needs more.
 const ROUNDS: usize = 4;
+/// All rounds but the last go over every so many dots of a picture, the strong and the faint alike,
+/// where these are at least so many.
+const SAMPLED: usize = 3;
+const LEAST_SAMPLED: usize = 24;
 
 /// What counts as a dot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -149,7 +154,18 @@ pub struct DotsFound {
 /// Finds the laser dots of a picture and measures their centres.
 #[must_use]
 pub fn find_dots(image: &GrayImage, options: &DotOptions) -> DotsFound {
-    let scanned = scan::scan(image, options);
+    let mut scan = DotScan::new(image, options);
+    bands(image).for_each(|band| scan.look(band));
+    measure_dots(scan, image, options)
+}
+
+/// Measures the centres of what a pass found.
+pub(super) fn measure_dots(
+    scan: DotScan<'_>,
+    image: &GrayImage,
+    options: &DotOptions,
+) -> DotsFound {
+    let scanned = scan.finish();
     let start = options
         .noise
         .unwrap_or(NoiseModel { speckle_contrast: 0.1, ..NoiseModel::white(scanned.noise) });
@@ -200,29 +216,48 @@ fn first_fits(
 }
 
 /// Noise from residuals and fits under that noise, in turns: two for clean pictures, more where
-/// speckle makes the one depend on the other.
+/// speckle makes the one depend on the other. All but the last go over some of the dots: what these
+/// were wrong by, the last leaves a fifth of.
 fn refine_noise(
     image: &GrayImage,
     fits: &mut Vec<Fit>,
     start: &NoiseModel,
     limits: &FitLimits,
 ) -> NoiseModel {
-    let mut noise = *start;
-    for round in 0..ROUNDS {
-        let next = noise::estimate(image, fits, &noise);
-        let is_settled = round > 0 && next.is_near(&noise);
-        noise = next;
-
-        if is_settled {
-            break;
-        }
+    let mut some: Vec<Fit> = fits.iter().step_by(SAMPLED).copied().collect();
+    let noise = if some.len() < LEAST_SAMPLED {
+        in_turns(image, fits, start, limits, ROUNDS)
+    } else {
+        let noise = in_turns(image, &mut some, start, limits, ROUNDS - 1);
         *fits = refit(image, fits, &noise, limits, Rest::Roughly);
-    }
+        noise::estimate(image, fits, &noise)
+    };
     *fits = refit(image, fits, &noise, limits, Rest::Fully);
     NoiseModel {
         background_correlation: rough::background_correlation(image, fits, &noise),
         ..noise
     }
+}
+
+/// Noise and fits in turns, until the noise rests.
+fn in_turns(
+    image: &GrayImage,
+    fits: &mut Vec<Fit>,
+    start: &NoiseModel,
+    limits: &FitLimits,
+    rounds: usize,
+) -> NoiseModel {
+    let mut noise = *start;
+    for round in 0..rounds {
+        let next = noise::estimate(image, fits, &noise);
+        let is_settled = round > 0 && next.is_near(&noise);
+        noise = next;
+        if is_settled {
+            break;
+        }
+        *fits = refit(image, fits, &noise, limits, Rest::Roughly);
+    }
+    noise
 }
 
 fn refit(

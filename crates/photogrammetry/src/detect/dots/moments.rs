@@ -22,17 +22,20 @@ const COLUMN_SUMS: usize = 13;
 /// Moments of a window: columns are summed as the rows go by, and then with powers of u.
 pub(super) struct Moments {
     columns: [[Lanes; MAX_WINDOW / LANES]; COLUMN_SUMS],
+    /// How many of the lanes a row fills.
+    used: usize,
 }
 
 impl Moments {
     /// None yet.
     pub(super) fn new() -> Self {
-        Self { columns: [[Lanes::ZERO; MAX_WINDOW / LANES]; COLUMN_SUMS] }
+        Self { columns: [[Lanes::ZERO; MAX_WINDOW / LANES]; COLUMN_SUMS], used: 0 }
     }
 
     /// Adds a row.
     pub(super) fn add(&mut self, row: &Row) {
         let v = Lanes::all(row.v);
+        self.used = row.f.len() / LANES;
         let chunks = row.f.chunks_exact(LANES).zip(row.e.chunks_exact(LANES));
         for (i, ((f, e), w)) in chunks.zip(row.w.chunks_exact(LANES)).enumerate() {
             let [f, e, w] = [f, e, w].map(Lanes::from_slice);
@@ -57,7 +60,7 @@ impl Moments {
     fn sum(&self, k: usize, powers: &[[f32; MAX_WINDOW]; 5], i: usize) -> f64 {
         let power = powers[i].chunks_exact(LANES);
         let mut sum = Lanes::ZERO;
-        for (column, power) in self.columns[k].iter().zip(power) {
+        for (column, power) in self.columns[k][..self.used].iter().zip(power) {
             sum += *column * Lanes::from_slice(power);
         }
         f64::from(sum.total())

@@ -12,6 +12,7 @@ use super::moments::QuadraticForm;
 use super::weighting::SATURATED;
 use super::window::{MAX_WINDOW, Row};
 use super::{NoiseModel, grains};
+use crate::detect::lanes::{LANES, Lanes};
 use crate::image::GrayImage;
 
 /// A dot whose relative residuals are so many times the typical (in squares) is no plain dot.
@@ -112,35 +113,36 @@ fn residuals(image: &GrayImage, fit: &Fit, present: &NoiseModel) -> Option<Resid
     fit.window.walk(image, &fit.gaussian, &fit.weighting(present), |row| {
         gathered.add(row, &leverage);
     });
-    let Gathered { classes, excess, power, .. } = gathered;
-    Some(Residuals { classes, roughness: excess / power })
+    Some(gathered.finish())
 }
 
 /// What [`residuals`] sums.
 struct Gathered {
+    /// From the second class on.
     classes: [Class; CLASSES],
-    excess: f64,
-    power: f64,
-    core: f32,
+    /// The first class, which holds most pixels: count, intensity, square, full.
+    dark: [Lanes; 4],
+    excess: Lanes,
+    power: Lanes,
+    core: Lanes,
     /// Grey levels above the background from which on a pixel is full.
     full: f32,
     /// Present read variance, photon gain, squared contrast.
-    variance: [f32; 3],
+    variance: [Lanes; 3],
 }
 
 impl Gathered {
     fn new(fit: &Fit, present: &NoiseModel) -> Self {
+        let variance =
+            [present.read_noise.powi(2), present.photon_gain, present.speckle_contrast.powi(2)];
         Self {
             classes: [Class::default(); CLASSES],
-            excess: 0.0,
-            power: 0.0,
-            core: (CORE * fit.gaussian.amplitude) as f32,
+            dark: [Lanes::ZERO; 4],
+            excess: Lanes::ZERO,
+            power: Lanes::ZERO,
+            core: Lanes::all((CORE * fit.gaussian.amplitude) as f32),
             full: (f64::from(SATURATED) - fit.gaussian.background) as f32 - 0.01,
-            variance: [
-                present.read_noise.powi(2) as f32,
-                present.photon_gain as f32,
-                present.speckle_contrast.powi(2) as f32,
-            ],
+            variance: variance.map(|v| Lanes::all(v as f32)),
         }
     }
 
@@ -149,24 +151,44 @@ impl Gathered {
         let mut taken = [0.0f32; MAX_WINDOW];
         let mut squares = [0.0f32; MAX_WINDOW];
         leverage.fill(row, &mut taken);
-        let [n2, p, c2] = self.variance;
-        for (((square, taken), &f), &e) in squares.iter_mut().zip(&taken).zip(row.f).zip(row.e) {
-            let part = (taken / (n2 + f * (p + c2 * f))).min(MOST_TAKEN);
-            *square = e * e / if f > self.core { 1.0 - part } else { 1.0 };
+        for at in (0..row.f.len()).step_by(LANES) {
+            let lanes = |values: &[f32]| Lanes::from_slice(&values[at..at + LANES]);
+            let [f, e, w, taken] = [row.f, row.e, row.w, &taken[..]].map(lanes);
+            let square = self.add_lanes(f, e, w, taken);
+            squares[at..at + LANES].copy_from_slice(&square.values());
         }
         for (((&square, &f), &e), &w) in squares.iter().zip(row.f).zip(row.e).zip(row.w) {
-            if w == 0.0 {
-                continue;
+            if f >= CLASS_WIDTH && w > 0.0 {
+                let class = &mut self.classes[((f / CLASS_WIDTH) as usize).min(CLASSES - 1)];
+                class.count += 1.0;
+                class.intensity += f64::from(f);
+                class.square += f64::from(square);
+                class.full += f64::from(u8::from(f + e >= self.full));
             }
-            let (square, intensity) = (f64::from(square), f64::from(f));
-            self.excess += square - f64::from(n2);
-            self.power += intensity * intensity;
-            let class = &mut self.classes[((f / CLASS_WIDTH) as usize).min(CLASSES - 1)];
-            class.count += 1.0;
-            class.intensity += intensity;
-            class.square += square;
-            class.full += f64::from(u8::from(f + e >= self.full));
         }
+    }
+
+    /// Adds some pixels to all sums but those of bright classes; their squared residuals, made good.
+    fn add_lanes(&mut self, f: Lanes, e: Lanes, w: Lanes, taken: Lanes) -> Lanes {
+        let [n2, p, c2] = self.variance;
+        let (one, infinity) = (Lanes::all(1.0), Lanes::all(f32::INFINITY));
+        let part = (taken / (n2 + f * (p + c2 * f))).min(Lanes::all(MOST_TAKEN));
+        let square = e * e / (one - part.where_between(self.core, f, infinity));
+        let used = one.where_between(Lanes::ZERO, w, infinity);
+        self.excess += used * (square - n2);
+        self.power += used * f * f;
+        let dark = used.where_between(Lanes::all(-1.0), f, Lanes::all(CLASS_WIDTH));
+        let full = dark.where_between(Lanes::all(self.full - 1e-3), f + e, infinity);
+        let sums = [dark, dark * f, dark * square, full];
+        self.dark.iter_mut().zip(sums).for_each(|(all, sum)| *all += sum);
+        square
+    }
+
+    fn finish(mut self) -> Residuals {
+        let [count, intensity, square, full] = self.dark.map(|sum| f64::from(sum.total()));
+        self.classes[0] = Class { count, intensity, square, full };
+        let roughness = f64::from(self.excess.total()) / f64::from(self.power.total());
+        Residuals { classes: self.classes, roughness }
     }
 }
 

@@ -3,15 +3,16 @@
 //! Blocks of a band of rows are compared as a whole, which the compiler does 16 pixels at a time;
 //! only where one exceeds its threshold are pixels looked at.
 
+use std::ops::Range;
+
 use super::DotOptions;
 use super::components::{Candidate, Collector, Run};
+use crate::detect::BAND_ROWS;
 use crate::detect::background::Background;
 use crate::image::GrayImage;
 
 /// Pixels of a row that share a threshold and are compared at once.
 const BLOCK: usize = 32;
-/// Rows that share thresholds.
-const BAND: usize = 16;
 
 /// What the pass found.
 pub(super) struct Scanned {
@@ -29,32 +30,56 @@ struct Level {
     threshold: u8,
 }
 
-/// Passes over a picture.
-pub(super) fn scan(image: &GrayImage, options: &DotOptions) -> Scanned {
-    let background = Background::measure(image);
-    let mut collector = Collector::new(12.0 * options.max_sigma);
-    let (mut brightest, mut blocks) = (Vec::new(), Vec::new());
-    for first in (0..image.height).step_by(BAND) {
-        let last = (first + BAND).min(image.height);
-        find_brightest(image, first..last, &mut brightest);
-        let levels = block_levels(image, &background, first, options);
-        blocks.clear();
+/// A pass over a picture, band by band.
+pub(in crate::detect) struct DotScan<'a> {
+    image: &'a GrayImage,
+    options: &'a DotOptions,
+    background: Background,
+    collector: Collector,
+    /// Room for the brightest pixel of each column, and for the blocks that are looked at.
+    brightest: Vec<u8>,
+    blocks: Vec<(usize, Level)>,
+}
+
+impl<'a> DotScan<'a> {
+    /// Samples the background.
+    pub(in crate::detect) fn new(image: &'a GrayImage, options: &'a DotOptions) -> Self {
+        Self {
+            image,
+            options,
+            background: Background::measure(image),
+            collector: Collector::new(12.0 * options.max_sigma),
+            brightest: Vec::new(),
+            blocks: Vec::new(),
+        }
+    }
+
+    /// Looks at a band; bands from top to bottom.
+    pub(in crate::detect) fn look(&mut self, band: Range<usize>) {
+        find_brightest(self.image, band.clone(), &mut self.brightest);
+        let levels = block_levels(self.image, &self.background, band.start, self.options);
         let has_any = |block: &[u8], level: &Level| {
             block.iter().fold(0, |most, &pixel| most.max(pixel)) > level.threshold
         };
-        let pairs = brightest.chunks(BLOCK).zip(&levels).enumerate();
-        blocks.extend(pairs.filter(|(_, (b, level))| has_any(b, level)).map(|(i, (_, l))| (i, *l)));
-        for y in first..last {
-            collector.begin_row(y);
-            scan_row(image.row(y), &blocks, &mut collector);
+        let pairs = self.brightest.chunks(BLOCK).zip(&levels).enumerate();
+        self.blocks.clear();
+        self.blocks
+            .extend(pairs.filter(|(_, (b, level))| has_any(b, level)).map(|(i, (_, l))| (i, *l)));
+        for y in band {
+            self.collector.begin_row(y);
+            scan_row(self.image.row(y), &self.blocks, &mut self.collector);
         }
     }
-    let noise = background.typical_noise.max(12f64.sqrt().recip());
-    Scanned { candidates: collector.finish(), noise }
+
+    /// What all bands showed.
+    pub(super) fn finish(self) -> Scanned {
+        let noise = self.background.typical_noise.max(12f64.sqrt().recip());
+        Scanned { candidates: self.collector.finish(), noise }
+    }
 }
 
 /// The brightest pixel of each column of a band.
-fn find_brightest(image: &GrayImage, rows: std::ops::Range<usize>, brightest: &mut Vec<u8>) {
+fn find_brightest(image: &GrayImage, rows: Range<usize>, brightest: &mut Vec<u8>) {
     brightest.clear();
     brightest.resize(image.width, 0);
     for y in rows {
@@ -70,7 +95,7 @@ fn block_levels(
     y: usize,
     options: &DotOptions,
 ) -> Vec<Level> {
-    let middle = (y + BAND / 2) as f64;
+    let middle = (y + BAND_ROWS / 2) as f64;
     (0..image.width.div_ceil(BLOCK))
         .map(|block| {
             let (level, noise) = background.at((block * BLOCK + BLOCK / 2) as f64, middle);

@@ -73,5 +73,5 @@ fn row_sums(row: &Row, amplitude: f32, noise: &NoiseModel) -> Sums {
             sums[9][l] += top * f[l];
         }
     }
-    std::array::from_fn(|i| Lanes(sums[i]).total())
+    std::array::from_fn(|i| Lanes::new(sums[i]).total())
 }

@@ -3,33 +3,25 @@
 //! Model and derivatives are computed for a block of pixels at a time, in single precision (its
 //! rounding is a ten-thousandth of the noise); sums over blocks are double.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, SMatrix, Vector2};
 
 use super::edge_fit::{Model, Normal, PARAMETERS, Vector, half_band};
 use super::ellipse::Ellipse;
-use crate::detect::lanes;
+use crate::detect::lanes::{self, LANES};
 use crate::image::GrayImage;
 
-/// Pixels that are computed together.
-const BLOCK: usize = 64;
-
-/// A pixel of the band; its place counts from the band's origin.
-#[derive(Clone, Copy)]
-pub(super) struct BandPixel {
-    /// Columns to the right.
-    pub(super) x: f32,
-    /// Rows down.
-    pub(super) y: f32,
-    /// Grey level.
-    pub(super) grey: f32,
-}
+/// Pixels that are computed together: their columns stay in the nearest cache.
+const BLOCK: usize = 256;
 
 /// The edge of an ellipse, and enough of disc and quiet zone for their levels.
 pub(super) struct Band {
     /// Where the pixels' places count from, pixels.
     pub(super) origin: Vector2<f64>,
-    /// Row by row.
-    pub(super) pixels: Vec<BandPixel>,
+    /// Columns to the right and rows down from there, and grey level of each pixel, row by row;
+    /// filled up with zeros to whole lanes.
+    pub(super) pixels: [Vec<f32>; 3],
+    /// Number of pixels.
+    pub(super) count: usize,
 }
 
 /// Sums of the normal equations.
@@ -41,6 +33,12 @@ pub(super) struct Sums {
     /// Sum of the squared residuals.
     pub(super) squares: f64,
 }
+
+/// Sums that are made side by side, so that one does not wait for its own last addition.
+const TOGETHER: usize = 4;
+
+/// Sums of products of all pairs of columns, lower triangle.
+type Products = SMatrix<f64, { PARAMETERS + 1 }, { PARAMETERS + 1 }>;
 
 /// Derivatives by the parameters, then the residual, pixel by pixel.
 type Columns = [[f32; BLOCK]; PARAMETERS + 1];
@@ -61,65 +59,86 @@ impl Band {
             range(ellipse.centre.y, reach.y, image.height),
         );
         let origin = ellipse.centre.map(f64::round);
-        let mut pixels = Vec::with_capacity(columns.len() * rows.len());
+        let room = (columns.len() * rows.len()).next_multiple_of(LANES);
+        let mut pixels = [const { Vec::new() }; 3];
+        pixels.iter_mut().for_each(|column| column.reserve(room));
         for y in rows {
             for (x, &grey) in columns.clone().zip(&image.row(y)[columns.clone()]) {
                 let at = Vector2::new(x as f64, y as f64);
                 if squares.contains(&ellipse.square_radius(&at)) {
                     let place = at - origin;
-                    let (x, y) = (place.x as f32, place.y as f32);
-                    pixels.push(BandPixel { x, y, grey: f32::from(grey) });
+                    let values = [place.x as f32, place.y as f32, f32::from(grey)];
+                    pixels.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
                 }
             }
         }
-        Self { origin, pixels }
+        let count = pixels[0].len();
+        let padded = count.next_multiple_of(LANES);
+        pixels.iter_mut().for_each(|column| column.resize(padded, 0.0));
+        Self { origin, pixels, count }
     }
 
     /// The normal equations at a model; `None` where there are too few pixels.
     pub(super) fn sums(&self, model: &Model) -> Option<Sums> {
-        let mut all = nalgebra::SMatrix::<f64, { PARAMETERS + 1 }, { PARAMETERS + 1 }>::zeros();
-        self.for_blocks(model, |columns| {
-            for i in 0..=PARAMETERS {
-                for j in 0..=i {
-                    all[(i, j)] += f64::from(lanes::dot(&columns[i], &columns[j]));
-                }
-            }
-        });
-        let normal = Normal::from_fn(|i, j| all[(i.max(j), i.min(j))]);
-        let right = Vector::from_fn(|i, _| all[(PARAMETERS, i)]);
-        let (count, squares) = (self.pixels.len() as f64, all[(PARAMETERS, PARAMETERS)]);
-        (count > 3.0 * PARAMETERS as f64).then_some(Sums { normal, right, count, squares })
+        let mut all = Products::zeros();
+        self.for_blocks(model, |columns, length| add_products(columns, length, &mut all));
+        self.sums_of(&all)
     }
 
-    /// Sum of the outer products of the derivatives, each times its squared residual.
-    pub(super) fn scatter(&self, model: &Model) -> Normal {
-        let mut all = Normal::zeros();
-        self.for_blocks(model, |columns| {
+    /// Likewise, and the sum of the outer products of the derivatives, each times its squared
+    /// residual.
+    pub(super) fn sums_and_scatter(&self, model: &Model) -> Option<(Sums, Normal)> {
+        let (mut all, mut scatter) = (Products::zeros(), Normal::zeros());
+        self.for_blocks(model, |columns, length| {
+            add_products(columns, length, &mut all);
             let (derivatives, residual) = columns.split_at_mut(PARAMETERS);
             for column in derivatives.iter_mut() {
                 column.iter_mut().zip(&residual[0]).for_each(|(d, e)| *d *= e);
             }
-            for i in 0..PARAMETERS {
-                for j in 0..=i {
-                    all[(i, j)] += f64::from(lanes::dot(&derivatives[i], &derivatives[j]));
-                }
-            }
+            add_products(derivatives, length, &mut scatter);
         });
-        Normal::from_fn(|i, j| all[(i.max(j), i.min(j))])
+        let scatter = Normal::from_fn(|i, j| scatter[(i.max(j), i.min(j))]);
+        Some((self.sums_of(&all)?, scatter))
     }
 
-    /// Calls `each` for every block; beyond the last pixel all columns are zero.
-    fn for_blocks(&self, model: &Model, mut each: impl FnMut(&mut Columns)) {
+    fn sums_of(&self, all: &Products) -> Option<Sums> {
+        let normal = Normal::from_fn(|i, j| all[(i.max(j), i.min(j))]);
+        let right = Vector::from_fn(|i, _| all[(PARAMETERS, i)]);
+        let (count, squares) = (self.count as f64, all[(PARAMETERS, PARAMETERS)]);
+        (count > 3.0 * PARAMETERS as f64).then_some(Sums { normal, right, count, squares })
+    }
+
+    /// Calls `each` for every block with its length, a multiple of [`LANES`]; beyond the last pixel
+    /// all columns are zero up to there.
+    fn for_blocks(&self, model: &Model, mut each: impl FnMut(&mut Columns, usize)) {
         let edge = Edge::new(model, &self.origin);
         let mut columns: Columns = [[0.0; BLOCK]; PARAMETERS + 1];
-        for block in self.pixels.chunks(BLOCK) {
-            let mut pixels = [BandPixel { x: 0.0, y: 0.0, grey: 0.0 }; BLOCK];
-            pixels[..block.len()].copy_from_slice(block);
-            edge.fill(&pixels, &mut columns);
-            for column in &mut columns {
-                column[block.len()..].fill(0.0);
+        let [x, y, grey] = &self.pixels;
+        let blocks = x.chunks(BLOCK).zip(y.chunks(BLOCK)).zip(grey.chunks(BLOCK));
+        for (index, ((x, y), grey)) in blocks.enumerate() {
+            edge.fill(x, y, grey, &mut columns);
+            let count = self.count - index * BLOCK;
+            for column in columns.iter_mut().filter(|_| count < x.len()) {
+                column[count..x.len()].fill(0.0);
             }
-            each(&mut columns);
+            each(&mut columns, x.len());
+        }
+    }
+}
+
+/// Adds the sums of products of each column with itself and those before it.
+fn add_products<const N: usize>(
+    columns: &[[f32; BLOCK]],
+    length: usize,
+    all: &mut SMatrix<f64, N, N>,
+) {
+    for i in 0..N {
+        for first in (0..=i).step_by(TOGETHER) {
+            let others = std::array::from_fn(|k| &columns[(first + k).min(i)][..length]);
+            let sums: [f32; TOGETHER] = lanes::dots(&columns[i][..length], others);
+            for (j, sum) in (first..=i).zip(sums) {
+                all[(i, j)] += f64::from(sum);
+            }
         }
     }
 }
@@ -149,11 +168,13 @@ impl Edge {
     }
 
     /// Derivatives and residuals of a block.
-    fn fill(&self, pixels: &[BandPixel; BLOCK], columns: &mut Columns) {
+    fn fill(&self, x: &[f32], y: &[f32], grey: &[f32], columns: &mut Columns) {
         let [xx, xy, yy] = self.shape;
         let peak = 1.0 / (std::f32::consts::TAU.sqrt() * self.blur);
-        for (i, pixel) in pixels.iter().enumerate() {
-            let (u, v) = (pixel.x - self.centre[0], pixel.y - self.centre[1]);
+        let length = x.len().min(BLOCK).min(y.len()).min(grey.len());
+        let (x, y, grey) = (&x[..length], &y[..length], &grey[..length]);
+        for i in 0..length {
+            let (u, v) = (x[i] - self.centre[0], y[i] - self.centre[1]);
             let (gx, gy) = (xx * u + xy * v, xy * u + yy * v);
             let radius = (u * gx + v * gy).max(1e-6).sqrt();
             let steepness = (gx * gx + gy * gy).max(1e-12).sqrt() / radius;
@@ -175,7 +196,7 @@ impl Edge {
             columns[7][i] = density * t * light;
             columns[8][i] = plain * u;
             columns[9][i] = plain * v;
-            columns[10][i] = pixel.grey - light * plain;
+            columns[10][i] = grey[i] - light * plain;
         }
     }
 }

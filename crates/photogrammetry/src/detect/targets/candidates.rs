@@ -1,165 +1,34 @@
-//! Where discs may be: chords on every few rows, then a trace of the edge.
-//!
-//! A row that crosses a disc shows two opposite edges with nothing between them and a quiet zone at
-//! least half as wide as the chord on either side. Rows are compared with themselves three pixels
-//! on, block by block, which the compiler does 16 pixels at a time; only blocks that have an edge
-//! anywhere in a band of rows are looked at closely.
+//! From a chord to a disc: the area around it by walks along row and column, then a trace of its edge
+//! along rays.
 
 use nalgebra::Vector2;
 
 use super::TargetOptions;
+use super::chords::{Chord, QUIET};
 use super::ellipse::Ellipse;
 use crate::image::GrayImage;
 
-/// Pixels of a row that are compared at once.
-const BLOCK: usize = 32;
-/// Rows that are compared before any is looked at closely.
-const BAND_ROWS: usize = 8;
-/// Distance of the pixels whose difference shows an edge: blurred edges are that wide.
-const REACH: usize = 3;
 /// Rays from the centre along which the edge is traced.
 const RAYS: usize = 32;
-/// Part of a chord's width that must be quiet on both sides; half of it is printed quiet.
-const QUIET: f64 = 0.3;
-
-/// A step of grey values along a row.
-#[derive(Debug, Clone, Copy)]
-struct Edge {
-    x: f64,
-    rises: bool,
-}
-
-/// A chord of what may be a disc.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Chord {
-    /// Its middle, pixels.
-    pub(super) x: f64,
-    /// Its row.
-    pub(super) y: f64,
-    /// Its width, pixels.
-    pub(super) width: f64,
-}
-
-/// Calls `each` for every chord, rows from top to bottom.
-pub(super) fn each_chord(
-    image: &GrayImage,
-    noise: f64,
-    options: &TargetOptions,
-    mut each: impl FnMut(Chord),
-) {
-    let row_step = (options.min_semi_axis.floor() as usize).max(1);
-    let least = (5.5 * noise).max(0.4 * options.min_contrast).clamp(4.0, 250.0) as u8;
-    let (mut edges, mut blocks, mut steepest) = (Vec::new(), Vec::new(), Vec::new());
-    let rows: Vec<usize> = (row_step / 2..image.height).step_by(row_step).collect();
-    for band in rows.chunks(BAND_ROWS) {
-        find_blocks(image, band, least, &mut steepest, &mut blocks);
-        for &y in band {
-            find_edges(image.row(y), &blocks, least, &mut edges);
-            chords_of_row(&edges, image.width, y, options, &mut each);
-        }
-    }
-}
-
-/// The blocks in which some row of a band has an edge, from left to right; `steepest` is room for
-/// the largest step of each column.
-fn find_blocks(
-    image: &GrayImage,
-    band: &[usize],
-    least: u8,
-    steepest: &mut Vec<u8>,
-    blocks: &mut Vec<usize>,
-) {
-    steepest.clear();
-    steepest.resize(image.width.saturating_sub(REACH), 0);
-    for &y in band {
-        let row = image.row(y);
-        let ahead = row.get(REACH..).unwrap_or_default();
-        for ((most, &a), &b) in steepest.iter_mut().zip(row).zip(ahead) {
-            // The difference, as two operations that 16 pixels share.
-            *most = (*most).max(a.max(b) - a.min(b));
-        }
-    }
-    blocks.clear();
-    let has_edge = |block: &[u8]| block.iter().fold(0, |a, &b| a.max(b)) >= least;
-    let all = steepest.chunks(BLOCK).enumerate();
-    blocks.extend(all.filter(|(_, block)| has_edge(block)).map(|(i, _)| i));
-}
-
-fn chords_of_row(
-    edges: &[Edge],
-    width: usize,
-    y: usize,
-    options: &TargetOptions,
-    each: &mut impl FnMut(Chord),
-) {
-    let widest = 2.2 * options.max_semi_axis;
-    for (i, pair) in edges.windows(2).enumerate() {
-        let chord = pair[1].x - pair[0].x;
-        if pair[0].rises == pair[1].rises || chord > widest || chord < options.min_semi_axis {
-            continue;
-        }
-        let before = if i > 0 { pair[0].x - edges[i - 1].x } else { pair[0].x };
-        let after = edges.get(i + 2).map_or(width as f64, |edge| edge.x) - pair[1].x;
-        if before.min(after) > QUIET * chord {
-            each(Chord { x: 0.5 * (pair[0].x + pair[1].x), y: y as f64, width: chord });
-        }
-    }
-}
-
-/// The edges of a row, from left to right; only these blocks have any.
-fn find_edges(row: &[u8], blocks: &[usize], least: u8, edges: &mut Vec<Edge>) {
-    edges.clear();
-    let mut open: Option<OpenEdge> = None;
-    let mut expected = 0;
-    for &block in blocks {
-        if block != expected {
-            edges.extend(open.take().map(|edge| edge.close()));
-        }
-        expected = block + 1;
-        let first = block * BLOCK;
-        let last = (first + BLOCK).min(row.len().saturating_sub(REACH));
-        let (near, far) = (&row[first..last], &row[first + REACH..last + REACH]);
-        let steps = near.iter().zip(far).map(|(&a, &b)| a.max(b) - a.min(b));
-        if steps.fold(0, u8::max) < least {
-            edges.extend(open.take().map(|edge| edge.close()));
-            continue;
-        }
-        for (i, (&a, &b)) in near.iter().zip(far).enumerate() {
-            let (x, step, rises) = (first + i, a.abs_diff(b), b > a);
-            if let Some(edge) = open.take_if(|edge| step < least || edge.rises != rises) {
-                edges.push(edge.close());
-            }
-            if step >= least {
-                let edge = open.get_or_insert(OpenEdge { rises, weight: 0, moment: 0 });
-                edge.weight += u64::from(step);
-                edge.moment += u64::from(step) * x as u64;
-            }
-        }
-    }
-    edges.extend(open.map(|edge| edge.close()));
-}
-
-/// An edge whose end has not been seen yet.
-struct OpenEdge {
-    rises: bool,
-    weight: u64,
-    moment: u64,
-}
-
-impl OpenEdge {
-    fn close(&self) -> Edge {
-        Edge { x: self.moment as f64 / self.weight as f64 + 0.5 * REACH as f64, rises: self.rises }
-    }
-}
 
 /// The half-way level between disc and ground, and on which side of it the disc is.
 #[derive(Debug, Clone, Copy)]
 struct Threshold {
     level: f64,
     is_light: bool,
+    /// For whole grey values: those above `limit` are inside, once their bits are turned by `flip`.
+    flip: u8,
+    limit: u8,
 }
 
 impl Threshold {
+    /// Half way between the levels of disc and ground.
+    fn between(disc: f64, ground: f64) -> Self {
+        let (level, is_light) = (0.5 * (disc + ground), disc > ground);
+        let (flip, limit) = if is_light { (0, level) } else { (255, 255.0 - level) };
+        Self { level, is_light, flip, limit: limit.floor() as u8 }
+    }
+
     /// How far a grey value is inside, grey levels.
     fn inside(&self, value: f64) -> f64 {
         if self.is_light { value - self.level } else { self.level - value }
@@ -167,7 +36,7 @@ impl Threshold {
 
     /// Whether a pixel is inside.
     fn has_inside(&self, pixel: u8) -> bool {
-        self.inside(f64::from(pixel)) > 0.0
+        pixel ^ self.flip > self.limit
     }
 }
 
@@ -192,13 +61,12 @@ impl Blob {
 pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) -> Option<Blob> {
     let at = |x: f64| sample(image, x, chord.y);
     let disc = at(chord.x)?;
-    let outside = 0.5 + 0.6 * QUIET;
-    let ground =
-        0.5 * (at(chord.x - outside * chord.width)? + at(chord.x + outside * chord.width)?);
+    let outside = (0.5 + 0.6 * QUIET) * chord.width;
+    let ground = mean_seen(&[at(chord.x - outside), at(chord.x + outside)])?;
     if (disc - ground).abs() < 0.7 * options.min_contrast {
         return None;
     }
-    let threshold = Threshold { level: 0.5 * (disc + ground), is_light: disc > ground };
+    let threshold = Threshold::between(disc, ground);
     let mut centre = [chord.x.round() as usize, chord.y as usize];
     let mut half = Vector2::zeros();
     for axis in [1, 0, 1] {
@@ -211,8 +79,8 @@ pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) ->
     (half.min() > 0.7 * options.min_semi_axis).then_some(Blob { centre, half, threshold })
 }
 
-/// Half way between the middle of an area and its quiet zone on four sides: the same whichever
-/// chord led to the area.
+/// Half way between the middle of an area and its quiet zone on four sides, or those of them that
+/// the picture shows: the same whichever chord led to the area.
 fn threshold_around(
     image: &GrayImage,
     centre: &Vector2<f64>,
@@ -222,10 +90,16 @@ fn threshold_around(
     let away = half * (1.0 + 1.2 * QUIET);
     let at = |x: f64, y: f64| sample(image, centre.x + x, centre.y + y);
     let disc = at(0.0, 0.0)?;
-    let ground =
-        0.25 * (at(away.x, 0.0)? + at(-away.x, 0.0)? + at(0.0, away.y)? + at(0.0, -away.y)?);
+    let sides = [at(away.x, 0.0), at(-away.x, 0.0), at(0.0, away.y), at(0.0, -away.y)];
+    let ground = mean_seen(&sides)?;
     let is_plain = (disc - ground).abs() > 0.7 * options.min_contrast;
-    is_plain.then_some(Threshold { level: 0.5 * (disc + ground), is_light: disc > ground })
+    is_plain.then(|| Threshold::between(disc, ground))
+}
+
+/// Mean of the grey values that the picture shows.
+fn mean_seen(values: &[Option<f64>]) -> Option<f64> {
+    let count = values.iter().flatten().count();
+    (count > 0).then(|| values.iter().flatten().sum::<f64>() / count as f64)
 }
 
 /// First and last pixel inside along a column (axis 1) or row (axis 0); `None` where the area goes
@@ -239,7 +113,7 @@ fn walk(
 ) -> Option<[usize; 2]> {
     let (stride, size) = [(1, image.width), (image.width, image.height)][axis];
     let origin = from[1] * image.width + from[0] - from[axis] * stride;
-    let is_inside = |at: usize| threshold.inside(f64::from(image.data[origin + at * stride])) > 0.0;
+    let is_inside = |at: usize| threshold.has_inside(image.data[origin + at * stride]);
     let reach = (2.2 * options.max_semi_axis) as usize;
     let (mut first, mut last) = (from[axis], from[axis]);
     if last >= size || !is_inside(last) {
@@ -258,8 +132,9 @@ fn walk(
         }
     }
     let quiet = (QUIET * (last + 1 - first) as f64) as usize + 1;
-    let is_quiet =
-        last + quiet < size && !is_inside(last + quiet) && !is_inside(first.checked_sub(quiet)?);
+    // What the border cuts off of the quiet zone disturbs nothing.
+    let is_loud = |at: Option<usize>| at.is_some_and(|at| at < size && is_inside(at));
+    let is_quiet = !is_loud(Some(last + quiet)) && !is_loud(first.checked_sub(quiet));
     is_quiet.then_some([first, last])
 }
 
@@ -380,15 +255,16 @@ pub(super) fn sample(image: &GrayImage, x: f64, y: f64) -> Option<f64> {
     if !(x >= 0.0 && y >= 0.0) {
         return None;
     }
-    let (column, row) = (x as usize, y as usize);
-    if column + 1 >= image.width || row + 1 >= image.height {
+    // By way of `i32`, which takes one instruction; a larger picture cannot be decoded.
+    let (column, row) = (x as i32 as usize, y as i32 as usize);
+    if column + 1 >= image.width {
         return None;
     }
     let (right, down) = (x - column as f64, y - row as f64);
-    let upper = row * image.width + column;
-    let value = |index: usize| f64::from(image.data[index]);
-    let top = value(upper) + (value(upper + 1) - value(upper)) * right;
-    let lower = upper + image.width;
-    let bottom = value(lower) + (value(lower + 1) - value(lower)) * right;
+    let first = row * image.width + column;
+    let &[a, b] = image.data.get(first..)?.first_chunk()?;
+    let &[c, d] = image.data.get(first + image.width..)?.first_chunk()?;
+    let [a, b, c, d] = [a, b, c, d].map(|pixel| f64::from(i32::from(pixel)));
+    let (top, bottom) = (a + (b - a) * right, c + (d - c) * right);
     Some(top + (bottom - top) * down)
 }

@@ -31,9 +31,8 @@ pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
     let map = ellipse.map();
     let ring = |radius: f64| -> Option<[f64; 2 * SECTORS]> {
         let mut values = [0.0; 2 * SECTORS];
-        let mut direction = Direction::begin(values.len());
-        for value in &mut values {
-            let at = ellipse.centre + map * direction.next() * radius;
+        for (value, direction) in values.iter_mut().zip(UNIT.iter().step_by(PER_SECTOR / 2)) {
+            let at = ellipse.centre + map * (Vector2::from(*direction) * radius);
             *value = sample(image, at.x, at.y)?;
         }
         Some(values)
@@ -43,7 +42,8 @@ pub(super) fn may_be_target(image: &GrayImage, ellipse: &Ellipse) -> bool {
     };
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let levels = Levels { disc: mean(&disc), ground: mean(&quiet), slope: Vector2::zeros() };
-    let part = |value: &f64| (value - levels.ground) / (levels.disc - levels.ground);
+    let scale = (levels.disc - levels.ground).recip();
+    let part = |value: &f64| (value - levels.ground) * scale;
     if !quiet.iter().all(|value| part(value).abs() < 0.5) {
         return false;
     }
@@ -84,23 +84,25 @@ pub(super) fn read(
     (bits != 0 && bits != all).then(|| canonical_code(bits))
 }
 
-/// Unit vectors around the circle, each from the one before: rounding stays below 1e-13.
-struct Direction {
-    turn: Matrix2<f64>,
-    at: Vector2<f64>,
-}
+/// Unit vectors around the circle, from x towards y.
+const UNIT: [[f64; 2]; DIRECTIONS] = unit_vectors();
 
-impl Direction {
-    fn begin(count: usize) -> Self {
-        let (sin, cos) = (std::f64::consts::TAU / count as f64).sin_cos();
-        Self { turn: Matrix2::new(cos, -sin, sin, cos), at: Vector2::new(1.0, 0.0) }
+/// By the series of sine and cosine: 40 terms leave 1e-13 of a whole turn.
+const fn unit_vectors() -> [[f64; 2]; DIRECTIONS] {
+    let mut vectors = [[0.0; 2]; DIRECTIONS];
+    let mut i = 0;
+    while i < DIRECTIONS {
+        let angle = std::f64::consts::TAU * i as f64 / DIRECTIONS as f64;
+        let (mut term, mut power) = (1.0, 0);
+        while power < 40 {
+            let sign = if power % 4 < 2 { 1.0 } else { -1.0 };
+            vectors[i][power % 2] += sign * term;
+            power += 1;
+            term *= angle / power as f64;
+        }
+        i += 1;
     }
-
-    fn next(&mut self) -> Vector2<f64> {
-        let here = self.at;
-        self.at = self.turn * here;
-        here
-    }
+    vectors
 }
 
 struct Reader<'a> {
@@ -113,14 +115,18 @@ struct Reader<'a> {
 impl Reader<'_> {
     /// Values on a circle of the target's plane, clockwise in the picture: 0 ground, 1 disc.
     fn circle(&self, radius: f64) -> Option<[f64; DIRECTIONS]> {
+        let Levels { disc, ground, slope } = self.levels;
+        let (map, scale) = (self.map * radius, (disc - ground).recip());
         let mut values = [0.0; DIRECTIONS];
-        let mut direction = Direction::begin(DIRECTIONS);
-        for value in &mut values {
-            let offset = self.map * direction.next() * radius;
+        for (value, direction) in values.iter_mut().zip(&UNIT) {
+            let offset = map * Vector2::from(*direction);
             let at = self.ellipse.centre + offset;
-            let light = (1.0 + self.levels.slope.dot(&offset)).clamp(0.4, 2.5);
-            let grey = sample(self.image, at.x, at.y)? / light;
-            *value = (grey - self.levels.ground) / (self.levels.disc - self.levels.ground);
+            *value = sample(self.image, at.x, at.y)?;
+            // The light is even in the quick look, and a division takes long.
+            if *slope != Vector2::zeros() {
+                *value /= (1.0 + slope.dot(&offset)).clamp(0.4, 2.5);
+            }
+            *value = (*value - ground) * scale;
         }
         Some(values)
     }
@@ -137,10 +143,13 @@ fn smoothed(values: &[f64; DIRECTIONS]) -> [f64; DIRECTIONS] {
 /// repeat every sector, so the phase of their squared steps at that period is the place of the
 /// borders.
 fn phase(mean: &[f64; DIRECTIONS]) -> Option<f64> {
-    let (mut real, mut imaginary, mut total) = (0.0f64, 0.0f64, 0.0f64);
+    let mut weights = [0.0; PER_SECTOR];
     for i in 0..DIRECTIONS {
         let step = mean[(i + 1) % DIRECTIONS] - mean[i];
-        let weight = step * step;
+        weights[i % PER_SECTOR] += step * step;
+    }
+    let (mut real, mut imaginary, mut total) = (0.0f64, 0.0f64, 0.0f64);
+    for (i, weight) in weights.iter().enumerate() {
         // The step lies half a direction on.
         let (sin, cos) = (std::f64::consts::TAU * (i as f64 + 0.5) / PER_SECTOR as f64).sin_cos();
         real += weight * cos;

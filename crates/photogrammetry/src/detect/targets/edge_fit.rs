@@ -89,9 +89,10 @@ pub(super) fn fit(image: &GrayImage, rough: &Ellipse) -> Option<EdgeFit> {
 fn start(band: &Band, rough: &Ellipse) -> Option<Model> {
     let (mut disc, mut ground) = ([0.0, 0.0], [0.0, 0.0]);
     let clear = 0.6 * half_band(rough);
-    for pixel in &band.pixels {
-        let at = band.origin + Vector2::new(f64::from(pixel.x), f64::from(pixel.y));
-        let (radius, grey) = (rough.radius(&at), f64::from(pixel.grey));
+    let [x, y, grey] = &band.pixels;
+    for ((&x, &y), &grey) in x.iter().zip(y).zip(grey).take(band.count) {
+        let at = band.origin + Vector2::new(f64::from(x), f64::from(y));
+        let (radius, grey) = (rough.radius(&at), f64::from(grey));
         if radius < 1.0 - clear {
             disc = [disc[0] + grey, disc[1] + 1.0];
         } else if radius > 1.0 + clear {
@@ -111,9 +112,8 @@ pub(super) fn half_band(ellipse: &Ellipse) -> f64 {
 /// The covariance from the scatter of the residuals where they are, since dark and light pixels
 /// differ in noise (White's estimator).
 fn finish(band: &Band, model: &Model, rough: &Ellipse) -> Option<EdgeFit> {
-    let sums = band.sums(model)?;
+    let (sums, scatter) = band.sums_and_scatter(model)?;
     let inverse = sums.normal.try_inverse()?;
-    let scatter = band.scatter(model);
     let freedom = sums.count / (sums.count - PARAMETERS as f64);
     let covariance = (inverse * scatter * inverse).fixed_view::<2, 2>(0, 0) * freedom;
     let noise = (sums.squares / sums.count * freedom).sqrt();

@@ -1,31 +1,39 @@
 //! Ring-coded targets: found by their centre disc, measured on its edge, read around it.
 //!
-//! Chords of discs are found on every few rows ([`candidates`]); an ellipse goes through points of
-//! the edge ([`ellipse`]); the blurred edge itself is then fitted to the pixels ([`edge_fit`]); the
-//! ring is read through the ellipse's affine map ([`decode`]). A code that is not clear is refused.
-//! Not corrected here: the eccentricity of circle images and lens distortion.
+//! Chords of discs are found on every few rows ([`chords`]); an ellipse ([`ellipse`]) goes through
+//! points of the edge ([`candidates`]); the blurred edge itself is then fitted to the pixels
+//! ([`edge_fit`]); the ring is read through the ellipse's affine map ([`decode`]). A code that is
+//! not clear is refused. Not corrected here: the eccentricity of circle images and lens distortion.
 
 mod band;
 mod candidates;
+mod chords;
 mod decode;
 mod edge_fit;
 mod ellipse;
 #[cfg(test)]
 mod tests;
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::background::typical_noise;
-use super::{ImagePoint, Target};
+use super::{ImagePoint, Target, bands};
 use crate::image::GrayImage;
 use crate::scene::{RING_BITS, canonical_code, ring_sectors};
-use candidates::{Blob, Chord};
+use candidates::Blob;
+use chords::{Chord, ChordScan};
 use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
 /// Areas that are remembered, so that their next chord is not looked at again.
 const TRIED_KEPT: usize = 128;
+
+/// A target of less doubt is no part of another's pattern: a few hundred pixels of an edge at a
+/// noise of a tenth of its contrast leave a hundredth of the radius.
+const PLAIN: f64 = 0.015;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -61,10 +69,34 @@ impl Default for TargetOptions {
 /// The same code may come more than once, if the picture shows it more than once.
 #[must_use]
 pub fn find_targets(image: &GrayImage, options: &TargetOptions) -> Vec<Target> {
-    let noise = typical_noise(image);
-    let mut search = Search { image, options, targets: Vec::new(), tried: Vec::new() };
-    candidates::each_chord(image, noise, options, |chord| search.look(&chord));
-    search.targets
+    let mut scan = TargetScan::new(image, typical_noise(image), options);
+    bands(image).for_each(|band| scan.look(band));
+    scan.finish()
+}
+
+/// A pass over a picture, band by band.
+pub(super) struct TargetScan<'a> {
+    chords: ChordScan<'a>,
+    search: Search<'a>,
+}
+
+impl<'a> TargetScan<'a> {
+    /// `noise` is that of the background, grey levels.
+    pub(super) fn new(image: &'a GrayImage, noise: f64, options: &'a TargetOptions) -> Self {
+        let search = Search { image, options, targets: Vec::new(), tried: Vec::new() };
+        Self { chords: ChordScan::new(image, noise, options), search }
+    }
+
+    /// Looks at a band; bands from top to bottom.
+    pub(super) fn look(&mut self, band: Range<usize>) {
+        let Self { chords, search } = self;
+        chords.look(band, |chord| search.look(&chord));
+    }
+
+    /// The targets of all bands.
+    pub(super) fn finish(self) -> Vec<Target> {
+        self.search.targets
+    }
 }
 
 /// What was found so far.
@@ -80,7 +112,9 @@ impl Search<'_> {
     /// Measures what is around a chord, unless it was before.
     fn look(&mut self, chord: &Chord) {
         let place = Vector2::new(chord.x, chord.y);
-        if self.targets.iter().any(|target| target.covers(&place, 1.0)) {
+        // Rings do not overlap: nothing is looked for on that of a plain target.
+        let radii = |target: &Target| if doubt(target) < PLAIN { 3.0 } else { 1.0 };
+        if self.targets.iter().any(|target| target.covers(&place, radii(target))) {
             return;
         }
         let Some(blob) = candidates::blob(self.image, chord, self.options) else { return };
@@ -101,11 +135,15 @@ impl Search<'_> {
 fn keep(targets: &mut Vec<Target>, target: Target) {
     let overlaps =
         |a: &Target, b: &Target| a.covers(&b.point.at, 3.0) || b.covers(&a.point.at, 3.0);
-    let doubt = |t: &Target| t.point.covariance.trace().sqrt() / t.semi_axes[1];
     if targets.iter().all(|other| !overlaps(other, &target) || doubt(&target) < doubt(other)) {
         targets.retain(|other| !overlaps(other, &target));
         targets.push(target);
     }
+}
+
+/// Uncertainty of a target's centre as a part of its radius.
+fn doubt(target: &Target) -> f64 {
+    target.point.covariance.trace().sqrt() / target.semi_axes[1]
 }
 
 /// A disc without regard to what is around it.
@@ -124,7 +162,8 @@ pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Ve
     let mut tried: Vec<Blob> = Vec::new();
     let mut known: Vec<Ellipse> = Vec::new();
     let mut discs = Vec::new();
-    candidates::each_chord(image, typical_noise(image), options, |chord| {
+    let mut chords = ChordScan::new(image, typical_noise(image), options);
+    let mut look = |chord: Chord| {
         let Some(blob) = candidates::blob(image, &chord, options) else { return };
         if tried.iter().rev().take(TRIED_KEPT).any(|other| other.is_same(&blob)) {
             return;
@@ -143,7 +182,8 @@ pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Ve
             let contrast = levels.disc - levels.ground;
             discs.push(PlainDisc { point, semi_axes: ellipse.semi_axes(), contrast });
         }
-    });
+    };
+    bands(image).for_each(|band| chords.look(band, &mut look));
     discs
 }
 
@@ -180,17 +220,12 @@ fn measure(image: &GrayImage, ellipse: &Ellipse, options: &TargetOptions) -> Opt
         return None;
     }
     let EdgeFit { ellipse, levels, covariance } = edge_fit::fit(image, ellipse)?;
-    let [large, small] = ellipse.semi_axes();
-    let fits = small >= options.min_semi_axis
-        && large <= options.max_semi_axis
-        && large <= options.max_axis_ratio * small
-        && levels.contrast() >= options.min_contrast;
-    if !fits {
+    if !is_wanted(&ellipse, levels.contrast(), options) {
         return None;
     }
     let code = decode::read(image, &ellipse, &levels, options.code_margin)?;
     let point = ImagePoint { at: ellipse.centre, covariance };
-    Some(Target { code, point, semi_axes: [large, small], angle: ellipse.angle() })
+    Some(Target { code, point, semi_axes: ellipse.semi_axes(), angle: ellipse.angle() })
 }
 
 impl Target {

@@ -2,6 +2,7 @@ use nalgebra::Vector2;
 
 use super::*;
 use crate::detect::testing::{Canvas, Normal, Print, Spot, target_cell};
+use crate::detect::{DotOptions, find_dots, find_dots_and_targets};
 
 /// Chi-square of two degrees of freedom exceeds this once in ten thousand.
 const RARE: f64 = 18.4;
@@ -182,6 +183,47 @@ fn targets_are_read_and_their_covariance_is_true_tilted_blurred_small_and_of_bot
             // The mean of 100 squares has the standard deviation 2 / sqrt(100); three of them.
             assert!((squares / read - 2.0).abs() < 0.6, "{radius} {tilt} {blur}: {squares}");
         }
+    }
+}
+
+#[test]
+fn plain_discs_are_found_up_to_the_border() {
+    // From 1.5 pixels beside the border on: a quiet zone of three tenths of the width does not fit.
+    for (x, y) in [(7.5, 40.2), (72.4, 40.4), (40.3, 7.6), (40.1, 72.3), (7.4, 72.5), (40.2, 40.3)]
+    {
+        let disc = Print::dark([x, y], 0, 6.0);
+        let canvas = Canvas::new(81, 81, 180.0).prints(&[disc]).blur(0.7);
+        let image = canvas.shoot(3.0, &mut Normal::new(5));
+        let found = find_plain_discs(&image, &TargetOptions::default());
+        assert_eq!(found.len(), 1, "{x} {y}");
+        // The centre of 100 pixels of edge of contrast 120 and noise 3: five times 0.01.
+        assert!((found[0].point.at - Vector2::new(x, y)).norm() < 0.05, "{x} {y}");
+    }
+}
+
+#[test]
+fn one_pass_finds_the_same_dots_and_targets_as_two() {
+    // A picture that is no whole number of bands and blocks, and rows that are no divisor of one.
+    for min_semi_axis in [1.0, 2.5, 3.0, 5.0] {
+        let prints: Vec<Print> = (0..9)
+            .map(|i| {
+                let at = [70.0 + 150.0 * f64::from(i % 3), 70.0 + 150.0 * f64::from(i / 3)];
+                Print { turn: f64::from(i), ..Print::dark(at, 45, 10.0) }
+            })
+            .collect();
+        let spots: Vec<Spot> = (0..16)
+            .map(|i| [145.0 + 0.3 * f64::from(i), 20.0 + 27.3 * f64::from(i)])
+            .map(|at| Spot::round(at, 150.0, 2.5))
+            .collect();
+        let mut normal = Normal::new(3);
+        let canvas = Canvas::new(445, 451, 90.0).prints(&prints).blur(0.7);
+        let image = canvas.spots(&spots, 0.2, 2.0, &mut normal).shoot(3.0, &mut normal);
+        let options = TargetOptions { min_semi_axis, ..TargetOptions::default() };
+        let dots = find_dots(&image, &DotOptions::default());
+        let targets = find_targets(&image, &options);
+        assert_eq!((dots.dots.len() >= 16, targets.len()), (true, 9));
+        let both = find_dots_and_targets(&image, &DotOptions::default(), &options);
+        assert_eq!(both, (dots, targets));
     }
 }
 
