@@ -12,15 +12,19 @@
 
 mod error;
 mod gaps;
+mod labels;
 mod open;
 mod pictures;
 mod processing;
+mod remove;
 pub mod rows;
 mod sessions;
 mod sink;
 mod stamp;
+mod tables;
 #[cfg(test)]
 mod tests;
+mod transfer;
 pub mod truth;
 mod verify;
 
@@ -30,11 +34,13 @@ use sqlx::SqlitePool;
 
 pub use error::StoreError;
 pub use open::path_of;
+pub use remove::Deleted;
 pub use rows::{
-    NewProcessing, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow, SessionSummary,
-    SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession, StoredStep,
-    Verification,
+    Attempt, NewProcessing, Note, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow,
+    SessionSummary, SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession,
+    StoredStep, Verification,
 };
+pub use transfer::Transferred;
 
 /// A database of sessions. Cheap to clone: clones share the connections.
 #[derive(Debug, Clone)]
