@@ -1,12 +1,15 @@
 //! `beampose`: runs an optical position sensor by itself, from a plan in YAML to a report with
 //! uncertainties. This crate is the rim: files, terminal, wiring. What it wires knows nothing of it.
 
+mod batch;
 mod calibration;
 mod camera_calibration;
 mod cli;
 mod conduct;
 mod exchange;
 mod input;
+mod interruptions;
+mod other_inputs;
 mod output;
 mod pipeline;
 mod progress;

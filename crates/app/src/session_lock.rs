@@ -1,4 +1,4 @@
-//! One program at a time runs a session.
+//! One program at a time runs a session, or solves sessions together.
 //!
 //! The operating system holds the lock and lets it go when the program ends, however it ends: there
 //! is no stale lock. The file says who holds it, for people.
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use beampose_core::SessionId;
 
-/// Held while a session runs.
+/// Held while a session runs, or sessions are solved.
 pub struct SessionLock {
     file: File,
     path: PathBuf,
@@ -21,8 +21,20 @@ impl SessionLock {
     /// # Errors
     /// Who holds it, or why it cannot be taken, for people.
     pub fn take(database: &Path, session: SessionId) -> Result<Self, String> {
+        Self::named(database, &session.to_string(), &format!("session {session} is being run"))
+    }
+
+    /// Takes the lock of sessions that are solved together.
+    ///
+    /// # Errors
+    /// As [`SessionLock::take`].
+    pub fn of_batch(database: &Path, batch: &str) -> Result<Self, String> {
+        Self::named(database, &format!("solve-{batch}"), "these sessions are being solved")
+    }
+
+    fn named(database: &Path, name: &str, what: &str) -> Result<Self, String> {
         let mut path = database.as_os_str().to_owned();
-        path.push(format!(".{session}.lock"));
+        path.push(format!(".{name}.lock"));
         let path = PathBuf::from(path);
         let cannot = |error: std::io::Error| format!("{}: {error}", path.display());
         let mut options = OpenOptions::new();
@@ -33,7 +45,7 @@ impl SessionLock {
             Err(TryLockError::WouldBlock) => {
                 let holder = std::fs::read_to_string(&path).unwrap_or_default();
                 return Err(format!(
-                    "session {session} is being run by {}\n  help: stop it first (Ctrl-C there)",
+                    "{what} by {}\n  help: stop it first (Ctrl-C there)",
                     holder.trim()
                 ));
             }

@@ -34,6 +34,7 @@ use sqlx::SqlitePool;
 
 pub use error::StoreError;
 pub use open::path_of;
+pub use processing::fresh_batch;
 pub use remove::Deleted;
 pub use rows::{
     Attempt, NewProcessing, Note, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow,

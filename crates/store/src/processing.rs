@@ -13,6 +13,12 @@ use crate::rows::{NewProcessing, PoseRow, Processing, ProcessingId, ResultRow, S
 use crate::stamp::{count, damaged, from_json, session_id, timestamp, to_json};
 use crate::{Store, StoreError};
 
+/// A name for processings that are begun together.
+#[must_use]
+pub fn fresh_batch() -> String {
+    uuid::Uuid::now_v7().to_string()
+}
+
 impl Store {
     /// Begins a processing of a session.
     ///
