@@ -6,7 +6,7 @@
 //! solved again, what is not is gone on with, capture by capture. The batch's lock tells a command
 //! that died from one that runs.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -167,11 +167,7 @@ impl Batch {
         Ok(Self { jobs, _locks: locks, continued })
     }
 
-    /// Solves all, on all cores; `done` hears of each session in the order of the jobs. How many
-    /// sessions failed.
-    ///
-    /// # Errors
-    /// None: what fails is told with its session.
+    /// Solves all, on all cores; `done` hears of each session in the order of the jobs.
     pub async fn solve(
         self,
         store: &Arc<Store>,
@@ -362,13 +358,4 @@ async fn analyse(store: &Store, session: SessionId, id: ProcessingId) -> anyhow:
         store.save_result(&ResultRow { processing: id, created, result_json }).await?;
     }
     Ok(())
-}
-
-/// How many captures sessions have, by their ids.
-///
-/// # Errors
-/// When the store cannot be read.
-pub async fn capture_counts(store: &Store) -> anyhow::Result<BTreeMap<SessionId, u64>> {
-    let sessions = store.sessions().await?;
-    Ok(sessions.into_iter().map(|session| (session.id, session.captures)).collect())
 }

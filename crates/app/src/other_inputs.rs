@@ -123,7 +123,7 @@ impl Inputs {
                 let file = file.display();
                 format!("{file}: there is no camera {name:?}, only {}", known.join(", "))
             })?;
-            camera.model = model.clone();
+            camera.model = *model;
         }
         if let Some(pattern) = &self.pattern {
             setup.pattern = pattern.clone();

@@ -122,8 +122,8 @@ impl Store {
                 (SELECT json_group_array(tag ORDER BY tag) FROM tags WHERE session = s.id)
                     AS tags_json,
                 (SELECT json_extract(r.result_json, '$.verdict') FROM results r
-                 JOIN processings q ON q.id = r.processing
-                 WHERE q.session = s.id ORDER BY r.id DESC LIMIT 1) AS verdict
+                 WHERE r.id = (SELECT max(n.id) FROM processings q
+                    JOIN results n ON n.processing = q.id WHERE q.session = s.id)) AS verdict
              FROM sessions s ORDER BY s.number",
         )
         .fetch_all(&self.readers)

@@ -7,7 +7,7 @@ use beampose_core::SessionId;
 use beampose_photogrammetry::Setup;
 use beampose_photogrammetry::rotation::{from_wxyz, omega_phi_kappa};
 use beampose_photogrammetry::solve::{Method, MethodResult};
-use beampose_store::Store;
+use beampose_store::{SessionSummary, Store};
 
 use super::filter::Filter;
 use super::{Database, Ended, close, find};
@@ -52,10 +52,8 @@ impl Solve {
         }
         let inputs = self.inputs.read().map_err(Ended::input)?;
         let store = self.database.open_existing().await?;
-        let ids = self.chosen(&store).await?;
+        let (ids, captures) = self.chosen(&store).await?;
         let methods = methods(&self.methods);
-        let counts = crate::batch::capture_counts(&store).await?;
-        let captures = ids.iter().filter_map(|id| counts.get(id)).sum();
         let mut jobs = Vec::new();
         let mut failed = 0;
         for id in ids {
@@ -83,20 +81,21 @@ impl Solve {
         told.exit(failed)
     }
 
-    /// The sessions that the command line names, each once, in its order.
-    async fn chosen(&self, store: &Store) -> Result<Vec<SessionId>, Ended> {
+    /// The sessions that the command line names, each once, in its order; how many captures they
+    /// have together.
+    async fn chosen(&self, store: &Store) -> Result<(Vec<SessionId>, u64), Ended> {
+        let all = self.filter.sessions(store).await?;
+        let mut chosen: Vec<&SessionSummary> = Vec::new();
         if self.all {
-            let sessions = self.filter.sessions(store).await?;
-            return Ok(sessions.iter().filter(|s| s.captures > 0).map(|s| s.id).collect());
+            chosen.extend(all.iter().filter(|session| session.captures > 0));
         }
-        let mut ids = Vec::new();
         for wanted in &self.sessions {
             let id = find(store, wanted).await?;
-            if !ids.contains(&id) {
-                ids.push(id);
-            }
+            let is_new = !chosen.iter().any(|session| session.id == id);
+            chosen.extend(all.iter().find(|session| session.id == id).filter(|_| is_new));
         }
-        Ok(ids)
+        let captures = chosen.iter().map(|session| session.captures).sum();
+        Ok((chosen.into_iter().map(|session| session.id).collect(), captures))
     }
 
     async fn solve(
