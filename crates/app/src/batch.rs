@@ -174,11 +174,9 @@ impl Batch {
         work: &Work,
         mut done: impl FnMut(SessionId, anyhow::Result<Outcome>),
     ) {
-        // One more than cores: who waits for the disk leaves its core to another.
-        let width = work.width + 1;
         let mut sessions = futures::stream::iter(self.jobs)
             .map(|job| async move { (job.session, job.solve(store, work).await) })
-            .buffered(width);
+            .buffered(work.width);
         while let Some((session, outcome)) = sessions.next().await {
             done(session, outcome);
         }
@@ -204,6 +202,7 @@ fn interrupted(jobs: &mut [Job], stored: &[Vec<Processing>]) -> Vec<String> {
 pub struct Work {
     /// Captures that are solved at once.
     captures: Arc<Semaphore>,
+    /// How many that are.
     width: usize,
     /// Set when somebody wants to stop.
     stop: Arc<AtomicBool>,
@@ -214,8 +213,9 @@ pub struct Work {
 impl Work {
     /// Work on all cores.
     pub fn new(progress: Progress) -> Self {
-        let width = std::thread::available_parallelism().map_or(2, usize::from);
-        let captures = Arc::new(Semaphore::new(width + 1));
+        // More than cores: who waits for the disk leaves its core to another.
+        let width = 2 * std::thread::available_parallelism().map_or(2, usize::from);
+        let captures = Arc::new(Semaphore::new(width));
         Self { captures, width, stop: Arc::new(AtomicBool::new(false)), progress }
     }
 
@@ -248,7 +248,7 @@ impl Work {
                 self.progress.solved(&solved);
                 anyhow::Ok(Some(solved))
             })
-            .buffered(self.width + 1);
+            .buffered(self.width);
         let mut all = Some(Vec::new());
         while let Some(one) = solving.next().await {
             match (one?, &mut all) {

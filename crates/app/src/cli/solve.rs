@@ -38,11 +38,11 @@ pub struct Solve {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    database: Database,
+    #[command(flatten)]
     inputs: OtherInputs,
     #[command(flatten)]
     filter: Filter,
-    #[command(flatten)]
-    database: Database,
 }
 
 impl Solve {

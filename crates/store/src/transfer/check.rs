@@ -184,43 +184,48 @@ async fn check_sizes(
     file: &Path,
     tables: &[SessionTable],
 ) -> Result<(), StoreError> {
-    let doing = || failed_to(format!("look at {}", file.display()));
     let largest: Option<i64> = sqlx::query_scalar("SELECT max(length(bytes)) FROM file.blobs")
         .fetch_one(&mut *connection)
         .await
-        .map_err(doing())?;
+        .map_err(failed_to(format!("look at {}", file.display())))?;
     if largest.unwrap_or(0) > LARGEST_PICTURE {
         return Err(refused(file, format!("a picture has more than {LARGEST_PICTURE} bytes")));
     }
     for table in tables {
         for column in table.columns.iter().filter(|column| column.is_text) {
-            let (name, table) = (quoted(&column.name), quoted(&table.name));
-            let longest: Option<i64> = sqlx::query_scalar(AssertSqlSafe(format!(
-                "SELECT max(octet_length({name})) FROM file.{table}"
-            )))
-            .fetch_one(&mut *connection)
-            .await
-            .map_err(doing())?;
-            if longest.unwrap_or(0) > LONGEST_TEXT {
-                let found = format!("{} has a text of more than {LONGEST_TEXT} bytes", column.name);
-                return Err(refused(file, found));
-            }
-            if column.name.ends_with("_json") || column.name.ends_with("_text") {
-                continue;
-            }
-            let hidden: i64 = sqlx::query_scalar(AssertSqlSafe(format!(
-                "SELECT count(*) FROM file.{table} WHERE {name} GLOB ?1
-                    OR instr(CAST({name} AS BLOB), x'00') > 0"
-            )))
-            .bind("*[\u{1}-\u{8}\u{b}-\u{1f}\u{7f}-\u{9f}]*")
-            .fetch_one(&mut *connection)
-            .await
-            .map_err(doing())?;
-            if hidden > 0 {
-                let found = format!("{} has control characters", column.name);
-                return Err(refused(file, found));
+            let odd = check_texts(connection, &table.name, &column.name).await;
+            let odd = odd.map_err(failed_to(format!("look at {}", file.display())))?;
+            if let Some(what) = odd {
+                return Err(refused(file, format!("{} has {what}", column.name)));
             }
         }
     }
     Ok(())
+}
+
+/// What is odd about the texts of a column.
+async fn check_texts(
+    connection: &mut SqliteConnection,
+    table: &str,
+    column: &str,
+) -> Result<Option<String>, sqlx::Error> {
+    let (table, name) = (quoted(table), quoted(column));
+    let statement = format!("SELECT max(octet_length({name})) FROM file.{table}");
+    let longest: Option<i64> =
+        sqlx::query_scalar(AssertSqlSafe(statement)).fetch_one(&mut *connection).await?;
+    if longest.unwrap_or(0) > LONGEST_TEXT {
+        return Ok(Some(format!("a text of more than {LONGEST_TEXT} bytes")));
+    }
+    if column.ends_with("_json") || column.ends_with("_text") {
+        return Ok(None);
+    }
+    let statement = format!(
+        "SELECT count(*) FROM file.{table} WHERE {name} GLOB ?1
+            OR instr(CAST({name} AS BLOB), x'00') > 0"
+    );
+    let hidden: i64 = sqlx::query_scalar(AssertSqlSafe(statement))
+        .bind("*[\u{1}-\u{8}\u{b}-\u{1f}\u{7f}-\u{9f}]*")
+        .fetch_one(connection)
+        .await?;
+    Ok((hidden > 0).then(|| "control characters".to_owned()))
 }

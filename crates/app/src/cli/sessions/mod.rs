@@ -33,9 +33,9 @@ pub struct Sessions {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    filter: Filter,
-    #[command(flatten)]
     database: Database,
+    #[command(flatten)]
+    filter: Filter,
 }
 
 // What each does is told in its own file: a comment here would hide the longer help there.
