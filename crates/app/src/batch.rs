@@ -275,24 +275,20 @@ impl Job {
         let Some(mut solved) = self.alone(store, work, alone).await? else {
             return Ok(Outcome::Stopped);
         };
-        let mut shown = alone;
-        if let Some(together) = &self.together {
-            if work.is_stopped() {
-                return Ok(Outcome::Stopped);
-            }
-            shown = together.id.context(begun)?;
-            if together.finished {
-                solved = stored(store, shown, self.session).await?;
-            } else {
-                let processing = processing(store, self.session, alone).await?;
-                let loaded = load_processing(store, self.session, processing).await?;
-                solved = adjusted(loaded).await?.save(store, shown).await?;
-            }
+        let Some(together) = &self.together else { return Ok(Outcome::Solved(alone, solved)) };
+        if work.is_stopped() {
+            return Ok(Outcome::Stopped);
         }
-        let finished = self.together.as_ref().map_or(self.alone.finished, |stage| stage.finished);
-        if !finished {
-            analyse(store, self.session, shown).await?;
-        }
+        let shown = together.id.context(begun)?;
+        solved = if together.finished {
+            stored(store, shown, self.session).await?
+        } else {
+            let processing = processing(store, self.session, alone).await?;
+            let loaded = load_processing(store, self.session, processing).await?;
+            let solved = adjusted(loaded).await?.save(store, shown).await?;
+            finish(store, self.session, shown).await?;
+            solved
+        };
         Ok(Outcome::Solved(shown, solved))
     }
 
@@ -312,7 +308,7 @@ impl Job {
             let of = (self.session, id);
             let pipeline = Pipeline::of(store.clone(), of, self.setup.clone(), &self.methods);
             let Some(solved) = work.captures(&pipeline, &left).await? else { return Ok(None) };
-            pipeline.finish().await?;
+            finish(store, self.session, id).await?;
             if there.is_empty() {
                 return Ok(Some(solved));
             }
@@ -348,14 +344,17 @@ async fn stored(
     Ok(all)
 }
 
-/// Stores the result of the session's analysis, if it has one, beside the processing.
-async fn analyse(store: &Store, session: SessionId, id: ProcessingId) -> anyhow::Result<()> {
+/// Ends a processing. Before that the result of the session's analysis is stored beside it, if it has
+/// one: what is finished has its result.
+async fn finish(store: &Store, session: SessionId, id: ProcessingId) -> anyhow::Result<()> {
     let loaded = load_processing(store, session, processing(store, session, id).await?).await?;
     let result = tokio::task::spawn_blocking(move || loaded.translation()).await?;
-    if let Some(result) = result {
+    if let Some(result) = result
+        && store.results(id).await?.is_empty()
+    {
         let result_json = serde_json::to_string(&result)?;
         let created = jiff::Timestamp::now();
         store.save_result(&ResultRow { processing: id, created, result_json }).await?;
     }
-    Ok(())
+    Ok(store.finish_processing(id, jiff::Timestamp::now()).await?)
 }

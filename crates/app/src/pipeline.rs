@@ -206,7 +206,9 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
     let mut new = described(id, &methods, &serde_json::to_string(&*joint.setup)?);
     new.measurement_json.clone_from(&joint.told);
     let processing = store.start_processing(&new).await?;
-    joint.save(store, processing).await
+    let solved = joint.save(store, processing).await?;
+    store.finish_processing(processing, jiff::Timestamp::now()).await?;
+    Ok(solved)
 }
 
 /// All captures of a session, adjusted together.
@@ -263,7 +265,7 @@ fn with_joint(loaded: &Loaded, joint: SessionSolution, share: f64) -> Vec<Solved
 }
 
 impl Adjusted {
-    /// Stores it in a processing that was begun, beside what that has already, and ends it.
+    /// Stores it in a processing that was begun, beside what that has already.
     ///
     /// # Errors
     /// When the store fails.
@@ -276,7 +278,6 @@ impl Adjusted {
         for solved in self.solved.iter().filter(|solved| !there.contains(&solved.capture)) {
             store.save_solution(processing, &row(solved)?).await?;
         }
-        store.finish_processing(processing, jiff::Timestamp::now()).await?;
         Ok(self.solved)
     }
 }

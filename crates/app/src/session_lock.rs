@@ -32,10 +32,21 @@ impl SessionLock {
         Self::named(database, &format!("solve-{batch}"), "these sessions are being solved")
     }
 
+    /// Who runs a session just now, for people; `None` where nobody does.
+    pub fn holder(database: &Path, session: SessionId) -> Option<String> {
+        let path = path(database, &session.to_string());
+        let file = File::open(&path).ok()?;
+        match file.try_lock_shared() {
+            Err(TryLockError::WouldBlock) => {
+                Some(std::fs::read_to_string(&path).unwrap_or_default().trim().to_owned())
+            }
+            // A file that nobody holds is left from a program that died.
+            _ => None,
+        }
+    }
+
     fn named(database: &Path, name: &str, what: &str) -> Result<Self, String> {
-        let mut path = database.as_os_str().to_owned();
-        path.push(format!(".{name}.lock"));
-        let path = PathBuf::from(path);
+        let path = path(database, name);
         let cannot = |error: std::io::Error| format!("{}: {error}", path.display());
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).open(&path);
@@ -56,6 +67,12 @@ impl SessionLock {
         writeln!(file, "process {} since {now:.0}", std::process::id()).map_err(cannot)?;
         Ok(Self { file, path })
     }
+}
+
+fn path(database: &Path, name: &str) -> PathBuf {
+    let mut path = database.as_os_str().to_owned();
+    path.push(format!(".{name}.lock"));
+    PathBuf::from(path)
 }
 
 impl Drop for SessionLock {

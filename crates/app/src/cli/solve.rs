@@ -16,6 +16,7 @@ use crate::other_inputs::{Inputs, OtherInputs};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, Solved};
 use crate::progress::Progress;
+use crate::session_lock::SessionLock;
 
 /// Solve stored sessions again, as new processings beside the old ones
 ///
@@ -54,6 +55,8 @@ impl Solve {
         let store = self.database.open_existing().await?;
         let (ids, captures) = self.chosen(&store).await?;
         let methods = methods(&self.methods);
+        let work = Work::new(Progress::solving(captures, !self.json));
+        let listening = tokio::spawn(listen(work.clone()));
         let mut jobs = Vec::new();
         let mut failed = 0;
         for id in ids {
@@ -72,8 +75,6 @@ impl Solve {
             let sessions = batch.continued;
             complain(&format!("{sessions} of these were begun before: going on with them"));
         }
-        let work = Work::new(Progress::solving(captures, !self.json));
-        let listening = tokio::spawn(listen(work.clone()));
         let told = self.solve(&store, batch, &work, &methods).await;
         listening.abort();
         work.progress.finish();
@@ -86,11 +87,18 @@ impl Solve {
     async fn chosen(&self, store: &Store) -> Result<(Vec<SessionId>, u64), Ended> {
         let all = self.filter.sessions(store).await?;
         let mut chosen: Vec<&SessionSummary> = Vec::new();
-        if self.all {
-            chosen.extend(all.iter().filter(|session| session.captures > 0));
+        for session in all.iter().filter(|session| self.all && session.captures > 0) {
+            match SessionLock::holder(store.path(), session.id) {
+                None => chosen.push(session),
+                Some(holder) => complain(&format!("left out: {}", is_running(session.id, &holder))),
+            }
         }
         for wanted in &self.sessions {
             let id = find(store, wanted).await?;
+            if let Some(holder) = SessionLock::holder(store.path(), id) {
+                let help = "\n  help: it is solved while it runs; solve it again when it is done";
+                return Err(Ended::input(is_running(id, &holder) + help));
+            }
             let is_new = !chosen.iter().any(|session| session.id == id);
             chosen.extend(all.iter().find(|session| session.id == id).filter(|_| is_new));
         }
@@ -142,6 +150,12 @@ impl Solve {
             print(&format!("session {id}: {} of {results} poses solved", results - unsolved));
         }
     }
+}
+
+/// A session that runs is not solved beside its own solving: half of it would be its newest
+/// processing, and the run's report would be made of that.
+fn is_running(id: SessionId, holder: &str) -> String {
+    format!("session {id} is being run by {holder}")
 }
 
 /// What became of a command's sessions, those that are solved aside.

@@ -219,6 +219,8 @@ fn killed_anywhere_the_same_command_goes_on_and_ends_as_if_nothing_had_been() {
     let length = begin.elapsed();
     let whole = new_poses(&processings(&lab));
     assert!(whole.values().all(|of_session| of_session.len() == 2));
+    let results = rows(&lab, whole.keys().next().unwrap(), 3).1;
+    assert_eq!(results.len(), 1);
     let (mut continued, mut kept) = (0, 0);
     for kill in 0..8 {
         for ending in ["", "-wal", "-shm"] {
@@ -230,14 +232,20 @@ fn killed_anywhere_the_same_command_goes_on_and_ends_as_if_nothing_had_been() {
             continue;
         }
         let begun = processings(&lab);
+        if begun.values().flatten().all(|(processing, _)| processing.finished.is_some()) {
+            // Before it began, or after all was done: there is nothing to go on with.
+            continue;
+        }
         let there: usize = begun.values().flat_map(|s| &s[2..]).map(|(_, poses)| poses.len()).sum();
         let ended = lab.beampose(&ALL).expect_code(0);
-        assert_eq!(new_poses(&processings(&lab)), whole, "killed after {after:?}");
+        assert!(ended.err.contains("3 of these were begun before: going on"), "{}", ended.err);
+        let now = processings(&lab);
+        assert!(new_poses(&now) == whole, "killed after {after:?}: {now:?}");
+        let id = now.keys().next().unwrap();
+        assert_eq!(rows(&lab, id, 3).1, results, "killed after {after:?}");
         assert_eq!(lab.beampose(&["sessions", "verify", "--all"]).code, 0);
-        if ended.err.contains("3 of these were begun before: going on with them") {
-            continued += 1;
-            kept += there;
-        }
+        continued += 1;
+        kept += there;
     }
     println!("{continued} commands were gone on with, {kept} poses were there already");
     assert!(continued >= 3 && kept > 0, "{continued}, {kept}");
@@ -267,11 +275,13 @@ fn ctrl_c_finishes_what_is_under_way_and_the_same_command_goes_on() {
     for (try_number, part) in [0.4, 0.5, 0.3, 0.6, 0.2, 0.7].into_iter().enumerate() {
         let before: BTreeMap<String, usize> =
             processings(&lab).iter().map(|(id, all)| (id.clone(), all.len())).collect();
-        let ended = Ended::of(&interrupted(&lab, length.mul_f64(part), "INT"));
-        if ended.code == 0 {
+        let output = interrupted(&lab, length.mul_f64(part), "INT");
+        if output.status.code().is_none_or(|code| code == 0) {
+            // It met the program before it listened, or after it was done.
+            lab.beampose(&ALL).expect_code(0);
             continue;
         }
-        let ended = ended.expect_code(3);
+        let ended = Ended::of(&output).expect_code(3);
         assert!(ended.err.contains("the same command goes on where it was"), "{}", ended.err);
         no_locks(&lab);
         let again = lab.beampose(&ALL).expect_code(0);
@@ -333,4 +343,29 @@ fn a_session_that_cannot_be_read_does_not_keep_the_others_from_being_solved() {
         ended.err
     );
     assert_eq!(ended.out.lines().count(), 1, "{}", ended.out);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_session_that_runs_is_left_to_its_run() {
+    let lab = lab_with(1);
+    lab.write("long.yaml", &plan(1, 900, 100));
+    let mut command = lab.command();
+    let rig = crate::lab::rig();
+    command.args(["run", "long.yaml", "--rig", &rig, "--picture-scale", crate::lab::SCALE]);
+    let mut run = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let listed = || lab.beampose(&["sessions", "--json"]).json_lines();
+    while listed().last().unwrap()["captures"].as_u64() < Some(1) || listed().len() < 2 {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let holder = format!("is being run by process {}", run.id());
+    let refused = lab.beampose(&["solve", "latest"]).expect_code(2);
+    let all = lab.beampose(&["solve", "--all"]).expect_code(0);
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(refused.err.contains(&holder), "{}", refused.err);
+    assert!(all.err.contains("left out: ") && all.err.contains(&holder), "{}", all.err);
+    assert_eq!(all.out.lines().count(), 1, "the other one is solved");
+    // The lock went with the run.
+    lab.beampose(&["solve", "latest"]).expect_code(0);
 }

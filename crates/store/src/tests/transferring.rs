@@ -299,3 +299,41 @@ async fn a_file_with_a_flipped_byte_is_refused_or_comes_in_as_a_sound_database()
     println!("{refused} refused, {harmless} came in");
     assert!(refused > 0 && harmless > 0);
 }
+
+#[tokio::test]
+async fn a_file_of_an_older_schema_comes_in_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let id = SessionId::fresh();
+    let hash = blake3::hash(b"wall").to_hex();
+    for version in 1..crate::open::newest_schema() {
+        let file = folder.path().join(format!("schema {version}.bps"));
+        let mut old = stranger(&file).await;
+        crate::open::migrate_to(&mut old, version).await.unwrap();
+        let times = "'2026-03-01T08:00:00Z', 1.5, '2026-03-01T08:00:01Z', 2.5";
+        for statement in [
+            format!(
+                "INSERT INTO sessions (id, title, experiment, plan_text, rig_text,
+                    measurement_json, plan_hash, software, steps, opened_utc, opened_s, closed_utc,
+                    closed_s, outcome)
+                 VALUES ('{id}', 'old', 'translation', '', '', '{{}}', '00', '0.1', 1, {times},
+                    'completed')"
+            ),
+            format!(
+                "INSERT INTO steps VALUES ('{id}', 1, 'capture p000', 'capture', {times}, 'done', NULL)"
+            ),
+            format!(
+                "INSERT INTO captures VALUES ('{id}', 'p000', 1, '{{}}', '{{}}',
+                    '2026-03-01T08:00:00Z', 1.5)"
+            ),
+            format!("INSERT INTO blobs (blake3, bytes) VALUES ('{hash}', CAST('wall' AS BLOB))"),
+            format!("INSERT INTO pictures VALUES ('{id}', 'p000', 'cam_a', '{hash}', 4, {times})"),
+        ] {
+            sqlx::query(AssertSqlSafe(statement)).execute(&mut old).await.unwrap();
+        }
+        old.close().await.unwrap();
+        let there = fresh().await;
+        let read = there.store.import_session(&file).await.unwrap();
+        assert_eq!((read.session, read.rows, read.pictures), (id, 4, 1), "schema {version}");
+        assert_eq!(there.store.verify(id).await.unwrap().problems, Vec::<String>::new());
+    }
+}
