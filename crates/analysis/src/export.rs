@@ -14,7 +14,7 @@ use crate::translation::TranslationResult;
 /// The session's result as one JSON object: `experiment`, `verdict`, `reasons`, `captures`,
 /// `solved`, `methods`, `limits` as [`TranslationResult`] has them (without a translation test
 /// `methods` has the number of solved captures only), then `title`, `session`, `processing` and,
-/// where the truth is known, `scores`.
+/// where there are any, `interruptions` and, where the truth is known, `scores`.
 ///
 /// # Errors
 /// None in practice: the types are plain data.
@@ -33,6 +33,19 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
     put("title", json!(input.title));
     put("session", json!(input.provenance.session));
     put("processing", json!(input.provenance.processing));
+    if !input.interruptions.is_empty() {
+        let all = input.interruptions.iter().map(|one| {
+            json!({
+                "stopped_utc": one.stopped.utc.to_string(),
+                "resumed_utc": one.resumed.utc.to_string(),
+                "duration_s": one.seconds(),
+                "reason": one.reason,
+                "restored": one.restored,
+                "redone": one.redone,
+            })
+        });
+        put("interruptions", all.collect());
+    }
     if !input.scores.is_empty() {
         put("scores", serde_json::to_value(&input.scores)?);
     }

@@ -8,6 +8,7 @@
 //! serialisable result and a verdict, a field in [`ReportInput`], a section in `report`.
 
 mod calibration_export;
+pub mod compare;
 mod export;
 mod fit;
 mod numbers;
@@ -17,6 +18,7 @@ pub mod translation;
 mod verdict;
 
 pub use calibration_export::{calibration_json, stability_json};
+pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv};
 pub use fit::LineFit;
 pub use report::{

@@ -64,6 +64,20 @@ impl FileLock {
             return Ok(Self { file, path: path.to_owned(), stale });
         }
     }
+
+    /// Who holds the lock at `path` just now; `None` where nobody does.
+    pub fn holder(path: &Path) -> Option<String> {
+        let file = File::open(path).ok()?;
+        match file.try_lock_shared() {
+            Err(TryLockError::WouldBlock) => {
+                let mut written = String::new();
+                let _for_people_only = file.take(LONGEST).read_to_string(&mut written);
+                Some(written.trim().to_owned())
+            }
+            // A file that nobody holds is left from a program that died.
+            _ => None,
+        }
+    }
 }
 
 #[cfg(unix)]

@@ -1,6 +1,7 @@
 //! `beampose`: runs an optical position sensor by itself, from a plan in YAML to a report with
 //! uncertainties. This crate is the rim: files, terminal, wiring. What it wires knows nothing of it.
 
+mod batch;
 mod calibration;
 mod camera_calibration;
 mod cli;
@@ -9,10 +10,12 @@ mod estimating;
 mod exchange;
 mod file_lock;
 mod input;
+mod interruptions;
 mod journal_notes;
 mod log;
 mod notify;
 mod operator;
+mod other_inputs;
 mod output;
 mod pipeline;
 mod progress;

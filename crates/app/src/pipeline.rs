@@ -9,10 +9,12 @@ use anyhow::Context as _;
 use beampose_core::{CaptureId, InstrumentName, SessionId};
 use beampose_photogrammetry::sight::{Stage, sight_all};
 use beampose_photogrammetry::solve::{
-    CaptureSolution, Method, MethodResult, StageSeconds, solve_capture,
+    CaptureSolution, Method, MethodResult, SessionSolution, StageSeconds, solve_capture,
 };
 use beampose_photogrammetry::{GrayImage, Setup, decode};
 use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
+
+use crate::session_report::Loaded;
 
 /// The program's version, as stored with what it makes.
 pub const SOFTWARE: &str = concat!("beampose ", env!("CARGO_PKG_VERSION"));
@@ -37,8 +39,32 @@ pub struct Solved {
     pub seconds: StageSeconds,
 }
 
+/// The methods that solve a capture by itself when `methods` are wanted. The adjustment of the
+/// session is a further processing, and starts from them.
+pub fn of_captures(methods: &[Method]) -> Vec<Method> {
+    let alone = |method: &&Method| **method != Method::SessionAdjustment;
+    let alone: Vec<Method> = methods.iter().filter(alone).copied().collect();
+    if alone.is_empty() { Method::USUAL.to_vec() } else { alone }
+}
+
+/// What the store is told of a processing before its first capture. `measurement_json` is what
+/// solving is told.
+pub fn described(session: SessionId, methods: &[Method], measurement_json: &str) -> NewProcessing {
+    let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
+    let hash = blake3::hash(measurement_json.as_bytes()).to_hex();
+    NewProcessing {
+        session,
+        created: jiff::Timestamp::now(),
+        software: SOFTWARE.to_owned(),
+        options_json: serde_json::json!({ "methods": names }).to_string(),
+        lineage_json: serde_json::json!({ "measurement_blake3": hash.as_str() }).to_string(),
+        measurement_json: None,
+        batch: None,
+    }
+}
+
 impl Pipeline {
-    /// Begins a processing of `session`.
+    /// Begins a processing of `session`, capture by capture.
     ///
     /// # Errors
     /// When the store refuses it.
@@ -48,20 +74,20 @@ impl Pipeline {
         setup: Arc<Setup>,
         methods: &[Method],
     ) -> anyhow::Result<Self> {
-        let setup_json = serde_json::to_string(&*setup)?;
-        let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
-        let new = NewProcessing {
-            session,
-            created: jiff::Timestamp::now(),
-            software: SOFTWARE.to_owned(),
-            options_json: serde_json::json!({ "methods": names }).to_string(),
-            lineage_json: serde_json::json!({
-                "measurement_blake3": blake3::hash(setup_json.as_bytes()).to_hex().as_str(),
-            })
-            .to_string(),
-        };
+        let methods = of_captures(methods);
+        let new = described(session, &methods, &serde_json::to_string(&*setup)?);
         let processing = store.start_processing(&new).await?;
         Ok(Self { store, session, processing, setup, methods: methods.into() })
+    }
+
+    /// Goes on with a processing that was begun.
+    pub fn of(
+        store: Arc<Store>,
+        (session, processing): (SessionId, ProcessingId),
+        setup: Arc<Setup>,
+        methods: &[Method],
+    ) -> Self {
+        Self { store, session, processing, setup, methods: methods.into() }
     }
 
     /// Solves one stored capture and stores what came out. A capture that cannot be solved is no
@@ -82,14 +108,16 @@ impl Pipeline {
         let (setup, methods) = (self.setup.clone(), self.methods.clone());
         let wavelength = capture.readings.get("wavelength_nm").copied();
         let id = capture.id.clone();
-        let (mut solution, seconds) = tokio::task::spawn_blocking(move || {
-            solve_pictures(&setup, &files, wavelength, &methods)
+        let (solved, row) = tokio::task::spawn_blocking(move || {
+            let (mut solution, seconds) = solve_pictures(&setup, &files, wavelength, &methods);
+            solution.notes.append(&mut unread);
+            let solved = Solved { capture: id, solution, seconds };
+            let row = row(&solved);
+            (solved, row)
         })
         .await
-        .with_context(|| format!("failed to solve capture {id}"))?;
-        solution.notes.append(&mut unread);
-        let solved = Solved { capture: capture.id.clone(), solution, seconds };
-        self.store.save_solution(self.processing, &row(&solved)?).await?;
+        .with_context(|| format!("failed to solve capture {}", capture.id))?;
+        self.store.save_solution(self.processing, &row?).await?;
         Ok(solved)
     }
 
@@ -174,20 +202,45 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
     let mut methods = loaded.methods();
     methods.retain(|method| *method != Method::SessionAdjustment);
     methods.push(Method::SessionAdjustment);
-    let (setup, captures) = (Arc::new(loaded.setup), Arc::new(loaded.captures));
-    let before = Instant::now();
-    let joint = {
-        let (setup, captures) = (setup.clone(), captures.clone());
-        tokio::task::spawn_blocking(move || {
-            crate::session_report::adjust_together(&setup, &captures)
-        })
-        .await?
-        .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?
-    };
-    let share = before.elapsed().as_secs_f64() / captures.len().max(1) as f64;
-    let pipeline = Pipeline::begin(store.clone(), id, setup.clone(), &methods).await?;
+    let joint = adjusted(loaded).await?;
+    let mut new = described(id, &methods, &serde_json::to_string(&*joint.setup)?);
+    new.measurement_json.clone_from(&joint.told);
+    let processing = store.start_processing(&new).await?;
+    let solved = joint.save(store, processing).await?;
+    store.finish_processing(processing, jiff::Timestamp::now()).await?;
+    Ok(solved)
+}
+
+/// All captures of a session, adjusted together.
+pub struct Adjusted {
+    setup: Arc<Setup>,
+    /// What solving was told, where that is not what the session was run with.
+    told: Option<String>,
+    solved: Vec<Solved>,
+}
+
+/// Adjusts the captures of a processing together.
+///
+/// # Errors
+/// When they cannot be adjusted as a whole.
+pub async fn adjusted(loaded: Loaded) -> anyhow::Result<Adjusted> {
+    let id = loaded.session.header.id;
+    tokio::task::spawn_blocking(move || {
+        let before = Instant::now();
+        let joint = crate::session_report::adjust_together(&loaded.setup, &loaded.captures)
+            .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?;
+        let share = before.elapsed().as_secs_f64() / loaded.captures.len().max(1) as f64;
+        let told = loaded.processing.start.measurement_json.clone();
+        let solved = with_joint(&loaded, joint, share);
+        Ok(Adjusted { setup: Arc::new(loaded.setup), told, solved })
+    })
+    .await?
+}
+
+/// The captures' own solutions with the joint ones beside them.
+fn with_joint(loaded: &Loaded, joint: SessionSolution, share: f64) -> Vec<Solved> {
     let mut all = Vec::new();
-    for (i, (capture, pose)) in captures.iter().zip(joint.poses).enumerate() {
+    for (i, (capture, pose)) in loaded.captures.iter().zip(joint.poses).enumerate() {
         let Ok(solution) = &capture.solution else { continue };
         let mut solution = solution.clone();
         for knock in joint.knocks.iter().filter(|knock| knock.capture == i) {
@@ -196,21 +249,37 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
         }
         solution.results.retain(|r| r.method != Method::SessionAdjustment);
         let alike = solution.results.iter().find(|r| r.method == Method::VirtualCamera);
+        let reference_nm = loaded.setup.pattern.reference_wavelength_nm;
         solution.results.push(MethodResult {
             method: Method::SessionAdjustment,
             pose,
             beams_used: alike.map_or(0, |r| r.beams_used),
             sigma0: joint.sigma0,
-            wavelength_nm: alike.map_or(setup.pattern.reference_wavelength_nm, |r| r.wavelength_nm),
+            wavelength_nm: alike.map_or(reference_nm, |r| r.wavelength_nm),
             ambiguous: alike.is_some_and(|r| r.ambiguous),
         });
         let seconds = StageSeconds { adjust: capture.seconds.adjust + share, ..capture.seconds };
-        let solved = Solved { capture: capture.id.clone(), solution, seconds };
-        store.save_solution(pipeline.processing, &row(&solved)?).await?;
-        all.push(solved);
+        all.push(Solved { capture: capture.id.clone(), solution, seconds });
     }
-    pipeline.finish().await?;
-    Ok(all)
+    all
+}
+
+impl Adjusted {
+    /// Stores it in a processing that was begun, beside what that has already.
+    ///
+    /// # Errors
+    /// When the store fails.
+    pub async fn save(
+        self,
+        store: &Store,
+        processing: ProcessingId,
+    ) -> anyhow::Result<Vec<Solved>> {
+        let there = store.solved_captures(processing).await?;
+        for solved in self.solved.iter().filter(|solved| !there.contains(&solved.capture)) {
+            store.save_solution(processing, &row(solved)?).await?;
+        }
+        Ok(self.solved)
+    }
 }
 
 fn row(solved: &Solved) -> anyhow::Result<SolutionRow> {

@@ -96,6 +96,16 @@ impl Progress {
         self.steps.suspend(|| complain(text));
     }
 
+    /// So many captures were solved before.
+    pub fn skip(&self, captures: u64) {
+        self.solved.inc(captures);
+    }
+
+    /// Prints something while the bars are out of the way.
+    pub fn suspend(&self, printing: impl FnOnce()) {
+        self.solved.suspend(printing);
+    }
+
     /// Takes the bars away.
     pub fn finish(&self) {
         self.steps.finish_and_clear();

@@ -21,6 +21,7 @@ use beampose_photogrammetry::{Setup, decode};
 use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
+use crate::interruptions::interruptions;
 use crate::journal_notes::{notes, out_of_limits};
 use crate::pipeline::solution_of;
 
@@ -47,14 +48,27 @@ pub struct Loaded {
 /// # Errors
 /// When there is no processing yet, or what is stored cannot be read.
 pub async fn load(store: &Store, id: SessionId) -> anyhow::Result<Loaded> {
-    let session = store.session(id).await?;
-    let plan = plan_of(&session.header)?;
-    let setup = serde_json::from_str(&session.header.measurement_json)
-        .context("the session's measurement setup cannot be read")?;
     let processing = store
         .latest_processing(id)
         .await?
         .with_context(|| format!("session {id} was not solved yet: beampose solve {id}"))?;
+    load_processing(store, id, processing).await
+}
+
+/// Loads a session with one of its processings.
+///
+/// # Errors
+/// When what is stored cannot be read.
+pub async fn load_processing(
+    store: &Store,
+    id: SessionId,
+    processing: Processing,
+) -> anyhow::Result<Loaded> {
+    let session = store.session(id).await?;
+    let plan = plan_of(&session.header)?;
+    let told = processing.start.measurement_json.as_ref();
+    let setup = serde_json::from_str(told.unwrap_or(&session.header.measurement_json))
+        .context("the session's measurement setup cannot be read")?;
     let stored = store.captures(id).await?;
     let mut captures = Vec::new();
     for capture in &stored {
@@ -275,6 +289,7 @@ pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput
         frames_px,
         environment: environment(store, id).await?,
         provenance: provenance(store, loaded).await?,
+        interruptions: interruptions(store, id).await?,
         notes: notes(store, &loaded.session).await?,
     })
 }

@@ -54,7 +54,9 @@ pub enum StoreError {
         reason: String,
     },
     /// Another program holds the database: wait and try again.
-    #[error("failed to {doing}: the database is held by another program")]
+    #[error(
+        "failed to {doing}: the database is held by another program; try again when it has finished"
+    )]
     Busy {
         /// What was being done.
         doing: String,

@@ -1,10 +1,12 @@
 //! Sessions that go on: gaps, and earlier attempts at steps that are done again.
 
 use beampose_core::{Gap, SessionId, StepNumber};
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction};
 
 use crate::error::failed_to;
 use crate::open::begin;
+use crate::rows::Attempt;
+use crate::sessions::StepColumns;
 use crate::stamp::{damaged, stamp};
 use crate::{Store, StoreError};
 
@@ -89,6 +91,40 @@ impl Store {
     }
 }
 
+#[derive(FromRow)]
+struct AttemptColumns {
+    gap: i64,
+    captured: bool,
+    #[sqlx(flatten)]
+    step: StepColumns,
+}
+
+impl Store {
+    /// The steps that were done again after a gap, as they had ended before it.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`], [`StoreError::Busy`] or [`StoreError::Database`].
+    pub async fn attempts(&self, session: SessionId) -> Result<Vec<Attempt>, StoreError> {
+        let rows: Vec<AttemptColumns> = sqlx::query_as(
+            "SELECT (SELECT count(*) FROM gaps g WHERE g.session = a.session AND g.id < a.gap)
+                    AS gap, a.capture_json IS NOT NULL AS captured, a.step AS number, a.label,
+                a.kind, a.started_utc, a.started_s, a.finished_utc, a.finished_s, a.outcome,
+                a.reason, a.handled
+             FROM attempts a WHERE a.session = ? ORDER BY a.gap, a.step",
+        )
+        .bind(session.to_string())
+        .fetch_all(&self.readers)
+        .await
+        .map_err(failed_to("read the earlier attempts"))?;
+        rows.into_iter()
+            .map(|row| {
+                let gap = usize::try_from(row.gap).map_err(|e| damaged("a gap's number", e))?;
+                Ok(Attempt { gap, step: row.step.step()?, captured: row.captured })
+            })
+            .collect()
+    }
+}
+
 /// Makes a stored step an earlier attempt. Its row stays until the step is done again; its capture
 /// makes room for the one to come.
 async fn set_aside(
@@ -99,9 +135,9 @@ async fn set_aside(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "INSERT INTO attempts (gap, session, step, label, kind, started_utc, started_s,
-            finished_utc, finished_s, outcome, reason, capture_json)
+            finished_utc, finished_s, outcome, reason, handled, capture_json)
          SELECT ?, s.session, s.number, s.label, s.kind, s.started_utc, s.started_s,
-            s.finished_utc, s.finished_s, s.outcome, s.reason,
+            s.finished_utc, s.finished_s, s.outcome, s.reason, s.handled,
             (SELECT json_object('id', c.id, 'setpoints', json(c.setpoints_json),
                 'readings', json(c.readings_json), 'pictures',
                 (SELECT json_group_array(json_object('camera', p.camera, 'blake3', p.blake3,

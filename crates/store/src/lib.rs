@@ -14,16 +14,20 @@ mod disk;
 mod error;
 mod gaps;
 mod history;
+mod labels;
 mod open;
 mod pictures;
 mod policies;
 mod processing;
+mod remove;
 pub mod rows;
 mod sessions;
 mod sink;
 mod stamp;
+mod tables;
 #[cfg(test)]
 mod tests;
+mod transfer;
 pub mod truth;
 mod verify;
 
@@ -34,11 +38,14 @@ use sqlx::SqlitePool;
 pub use error::StoreError;
 pub use history::PastSession;
 pub use open::path_of;
+pub use processing::fresh_batch;
+pub use remove::Deleted;
 pub use rows::{
-    NewProcessing, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow, SessionSummary,
-    SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession, StoredStep,
-    Verification,
+    Attempt, NewProcessing, Note, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow,
+    SessionSummary, SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession,
+    StoredStep, Verification,
 };
+pub use transfer::Transferred;
 
 /// A database of sessions. Cheap to clone: clones share the connections.
 #[derive(Debug, Clone)]

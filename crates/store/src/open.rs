@@ -20,13 +20,13 @@ static MIGRATOR: Migrator = sqlx::migrate!("../../migrations");
 /// The table that sqlx keeps, so that its own tools know it too.
 const MIGRATIONS_TABLE: &str = "_sqlx_migrations";
 /// Longer than any transaction of ours takes, a verification of a long session aside.
-const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+pub(crate) const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// A reader each for the report, the web pages, the solving pipeline and one to spare.
 const READERS: u32 = 4;
 /// `PRAGMA application_id` of the first migration: 'bpos'.
-const APPLICATION_ID: i64 = 1_651_535_731;
+pub(crate) const APPLICATION_ID: i64 = 1_651_535_731;
 /// How every SQLite file begins (<https://www.sqlite.org/fileformat.html>, section 1.3.1).
-const MAGIC: &[u8; 16] = b"SQLite format 3\0";
+pub(crate) const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
 /// The path that a `--db` argument or `DATABASE_URL` means: `sqlite:` and `sqlite://` in front of
 /// it, and `?mode=...` behind it then, are taken off.
@@ -147,7 +147,15 @@ async fn prepare(
 
 /// Applies what is missing. `Migrator::run` would do, but its future cannot cross threads when it
 /// is given a connection, and given a pool it takes no lock.
-async fn migrate(connection: &mut SqliteConnection) -> Result<(), MigrateError> {
+pub(crate) async fn migrate(connection: &mut SqliteConnection) -> Result<(), MigrateError> {
+    migrate_to(connection, newest_schema()).await
+}
+
+/// Applies what is missing up to a version.
+pub(crate) async fn migrate_to(
+    connection: &mut SqliteConnection,
+    newest: i64,
+) -> Result<(), MigrateError> {
     connection.ensure_migrations_table(MIGRATIONS_TABLE).await?;
     let applied = connection.list_applied_migrations(MIGRATIONS_TABLE).await?;
     for one in &applied {
@@ -159,7 +167,7 @@ async fn migrate(connection: &mut SqliteConnection) -> Result<(), MigrateError> 
             Some(_) => {}
         }
     }
-    for migration in MIGRATOR.iter() {
+    for migration in MIGRATOR.iter().filter(|one| one.version <= newest) {
         if !applied.iter().any(|one| one.version == migration.version) {
             connection.apply(MIGRATIONS_TABLE, migration).await?;
         }
@@ -168,7 +176,9 @@ async fn migrate(connection: &mut SqliteConnection) -> Result<(), MigrateError> 
 }
 
 /// Boxed, because the compiler cannot see that the future may cross threads.
-fn connect(options: &SqliteConnectOptions) -> BoxFuture<'_, Result<SqliteConnection, sqlx::Error>> {
+pub(crate) fn connect(
+    options: &SqliteConnectOptions,
+) -> BoxFuture<'_, Result<SqliteConnection, sqlx::Error>> {
     Box::pin(options.connect())
 }
 
@@ -188,8 +198,13 @@ async fn refuse_others(path: &Path, connection: &mut SqliteConnection) -> Result
     Err(StoreError::NotADatabase { path: path.to_owned(), found })
 }
 
+/// The newest migration that this program knows; they are counted from 1 without a gap.
+pub(crate) fn newest_schema() -> i64 {
+    MIGRATOR.iter().map(|migration| migration.version).max().unwrap_or(0)
+}
+
 fn cannot_migrate(path: &Path, error: MigrateError) -> StoreError {
-    let known = MIGRATOR.iter().map(|migration| migration.version).max().unwrap_or(0);
+    let known = newest_schema();
     match error {
         MigrateError::VersionMissing(version) if version > known => {
             StoreError::NewerSchema { path: path.to_owned(), version, known }

@@ -1,6 +1,8 @@
 //! Processings, solutions, poses and results. Each processing stands beside the others: nothing
 //! here overwrites what is stored.
 
+use std::collections::BTreeSet;
+
 use beampose_core::{CaptureId, Pose, SessionId};
 use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
@@ -11,6 +13,12 @@ use crate::rows::{NewProcessing, PoseRow, Processing, ProcessingId, ResultRow, S
 use crate::stamp::{count, damaged, from_json, session_id, timestamp, to_json};
 use crate::{Store, StoreError};
 
+/// A name for processings that are begun together.
+#[must_use]
+pub fn fresh_batch() -> String {
+    uuid::Uuid::now_v7().to_string()
+}
+
 impl Store {
     /// Begins a processing of a session.
     ///
@@ -19,20 +27,45 @@ impl Store {
     pub async fn start_processing(&self, new: &NewProcessing) -> Result<ProcessingId, StoreError> {
         let doing = "begin a processing";
         let mut transaction = begin(&self.writer, doing).await?;
-        let inserted = sqlx::query(
-            "INSERT INTO processings (session, created_utc, software, options_json, lineage_json)
-             VALUES (?, ?, ?, ?, ?)",
-        )
-        .bind(new.session.to_string())
-        .bind(new.created.to_string())
-        .bind(&new.software)
-        .bind(&new.options_json)
-        .bind(&new.lineage_json)
-        .execute(&mut *transaction)
-        .await
-        .map_err(failed_to(doing))?;
+        let id = insert_processing(&mut transaction, new).await.map_err(failed_to(doing))?;
         transaction.commit().await.map_err(failed_to(doing))?;
-        Ok(ProcessingId(inserted.last_insert_rowid()))
+        Ok(id)
+    }
+
+    /// Begins several processings at once: all or none.
+    ///
+    /// # Errors
+    /// As [`Store::start_processing`].
+    pub async fn start_processings(
+        &self,
+        all: &[NewProcessing],
+    ) -> Result<Vec<ProcessingId>, StoreError> {
+        let doing = "begin processings";
+        let mut transaction = begin(&self.writer, doing).await?;
+        let mut ids = Vec::with_capacity(all.len());
+        for new in all {
+            let id = insert_processing(&mut transaction, new).await.map_err(failed_to(doing))?;
+            ids.push(id);
+        }
+        transaction.commit().await.map_err(failed_to(doing))?;
+        Ok(ids)
+    }
+
+    /// The captures that have a solution in a processing.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`], [`StoreError::Busy`] or [`StoreError::Database`].
+    pub async fn solved_captures(
+        &self,
+        processing: ProcessingId,
+    ) -> Result<BTreeSet<CaptureId>, StoreError> {
+        let ids: Vec<String> =
+            sqlx::query_scalar("SELECT capture FROM solutions WHERE processing = ?")
+                .bind(processing.0)
+                .fetch_all(&self.readers)
+                .await
+                .map_err(failed_to("read what is solved"))?;
+        Ok(ids.into_iter().map(CaptureId).collect())
     }
 
     /// Stores what solving one capture gave: solution, poses and observations in one transaction.
@@ -110,7 +143,8 @@ impl Store {
     /// [`StoreError::Damaged`], [`StoreError::Busy`] or [`StoreError::Database`].
     pub async fn processings(&self, session: SessionId) -> Result<Vec<Processing>, StoreError> {
         let rows: Vec<ProcessingColumns> = sqlx::query_as(
-            "SELECT id, session, created_utc, finished_utc, software, options_json, lineage_json
+            "SELECT id, session, created_utc, finished_utc, software, options_json, lineage_json,
+                measurement_json, batch
              FROM processings WHERE session = ? ORDER BY id",
         )
         .bind(session.to_string())
@@ -229,6 +263,27 @@ impl Store {
     }
 }
 
+async fn insert_processing(
+    connection: &mut SqliteConnection,
+    new: &NewProcessing,
+) -> Result<ProcessingId, sqlx::Error> {
+    let inserted = sqlx::query(
+        "INSERT INTO processings (session, created_utc, software, options_json, lineage_json,
+            measurement_json, batch)
+         VALUES (?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(new.session.to_string())
+    .bind(new.created.to_string())
+    .bind(&new.software)
+    .bind(&new.options_json)
+    .bind(&new.lineage_json)
+    .bind(&new.measurement_json)
+    .bind(&new.batch)
+    .execute(connection)
+    .await?;
+    Ok(ProcessingId(inserted.last_insert_rowid()))
+}
+
 async fn insert_pose(
     connection: &mut SqliteConnection,
     doing: &str,
@@ -284,6 +339,8 @@ struct ProcessingColumns {
     software: String,
     options_json: String,
     lineage_json: String,
+    measurement_json: Option<String>,
+    batch: Option<String>,
 }
 
 impl ProcessingColumns {
@@ -297,6 +354,8 @@ impl ProcessingColumns {
                 software: self.software,
                 options_json: self.options_json,
                 lineage_json: self.lineage_json,
+                measurement_json: self.measurement_json,
+                batch: self.batch,
             },
         })
     }

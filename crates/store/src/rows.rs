@@ -34,6 +34,30 @@ pub struct SessionSummary {
     pub solved: u64,
     /// True where it has a simulation's seed.
     pub simulated: bool,
+    /// Its tags, by their names.
+    pub tags: Vec<String>,
+    /// The verdict of its newest result, a word; `None` where nothing was analysed yet.
+    pub verdict: Option<String>,
+}
+
+/// What somebody wrote of a session.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// When.
+    pub written: jiff::Timestamp,
+    /// What.
+    pub text: String,
+}
+
+/// A step as it ended before a gap; it was done again after it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attempt {
+    /// Which of the session's gaps, counted from 0 in their order.
+    pub gap: usize,
+    /// The step as it was.
+    pub step: StoredStep,
+    /// True where it had taken a capture.
+    pub captured: bool,
 }
 
 /// A session's header and how it ended.
@@ -140,6 +164,10 @@ pub struct NewProcessing {
     pub options_json: String,
     /// Hashes of what went in: pictures, calibrations, pattern; JSON.
     pub lineage_json: String,
+    /// What solving was told, where that is not what the session was run with; JSON.
+    pub measurement_json: Option<String>,
+    /// The command that began it, with others perhaps; `None` beside a run.
+    pub batch: Option<String>,
 }
 
 /// A stored processing.
@@ -205,6 +233,8 @@ pub struct Verification {
     pub pictures: u64,
     /// Their bytes, together.
     pub bytes: u64,
+    /// Steps that were accounted for.
+    pub steps: u64,
     /// What is wrong, a sentence each; empty where all is well.
     pub problems: Vec<String>,
 }

@@ -28,6 +28,8 @@ struct SummaryColumns {
     steps_stored: i64,
     captures: i64,
     solved: i64,
+    tags_json: String,
+    verdict: Option<String>,
 }
 
 impl SummaryColumns {
@@ -44,6 +46,8 @@ impl SummaryColumns {
             captures: count(self.captures),
             solved: count(self.solved),
             simulated: self.seed.is_some(),
+            tags: from_json("a session's tags", &self.tags_json)?,
+            verdict: self.verdict,
         })
     }
 }
@@ -114,7 +118,12 @@ impl Store {
                 (SELECT count(DISTINCT capture) FROM poses
                  WHERE status = 'solved' AND processing =
                     (SELECT id FROM processings WHERE session = s.id
-                     ORDER BY finished_utc IS NULL, id DESC LIMIT 1)) AS solved
+                     ORDER BY finished_utc IS NULL, id DESC LIMIT 1)) AS solved,
+                (SELECT json_group_array(tag ORDER BY tag) FROM tags WHERE session = s.id)
+                    AS tags_json,
+                (SELECT json_extract(r.result_json, '$.verdict') FROM results r
+                 WHERE r.id = (SELECT max(n.id) FROM processings q
+                    JOIN results n ON n.processing = q.id WHERE q.session = s.id)) AS verdict
              FROM sessions s ORDER BY s.number",
         )
         .fetch_all(&self.readers)
@@ -252,7 +261,7 @@ impl Store {
 }
 
 #[derive(FromRow)]
-struct StepColumns {
+pub(crate) struct StepColumns {
     number: i64,
     label: String,
     kind: String,
@@ -266,7 +275,7 @@ struct StepColumns {
 }
 
 impl StepColumns {
-    fn step(self) -> Result<StoredStep, StoreError> {
+    pub(crate) fn step(self) -> Result<StoredStep, StoreError> {
         let outcome = match (self.outcome.as_str(), self.reason) {
             ("done", _) => StepOutcome::Done,
             ("failed", Some(reason)) if self.handled.is_some() => {

@@ -69,8 +69,9 @@ fn the_rooms_are_those_of_the_design() {
     let packages = packages();
     let found: BTreeSet<&str> = packages.keys().map(String::as_str).collect();
     assert_eq!(found, designed);
-    // A manifest that is no member would be read by nobody.
-    let manifests = files(&["Cargo.toml"]).len();
+    // A manifest that is no member would be read by nobody; that of `fuzz` is a workspace of its own.
+    let manifests = files(&["Cargo.toml"]).into_iter();
+    let manifests = manifests.filter(|manifest| manifest.path != "fuzz/Cargo.toml").count();
     assert_eq!(manifests, found.len() + 1, "one for each package, and the workspace's");
 }
 

@@ -7,6 +7,7 @@ use beampose_core::{
 };
 use beampose_photogrammetry::GrayImage;
 use beampose_photogrammetry::solve::{CaptureSolution, Method, MethodResult, StageSeconds};
+use serde::Serialize;
 
 use crate::score::MethodScore;
 use crate::translation::TranslationResult;
@@ -40,8 +41,44 @@ pub struct ReportInput {
     pub environment: Vec<Trace>,
     /// Where it all comes from.
     pub provenance: Provenance,
+    /// Where the session was interrupted and went on, in order of time.
+    pub interruptions: Vec<Interruption>,
     /// Remarks on the session as a whole.
     pub notes: Vec<String>,
+}
+
+/// A time in which a session did not run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Interruption {
+    /// When the last thing that is known of the run happened.
+    pub stopped: Stamp,
+    /// When the session went on.
+    pub resumed: Stamp,
+    /// How the run had ended.
+    pub reason: String,
+    /// What was re-established before the first step, for people.
+    pub restored: Vec<String>,
+    /// Steps that were done again.
+    pub redone: Vec<RedoneStep>,
+}
+
+impl Interruption {
+    /// How long it lasted, by the session's own clock, which never goes back.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.resumed.monotonic.saturating_sub(self.stopped.monotonic).as_secs_f64()
+    }
+}
+
+/// A step that was done again after an interruption.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RedoneStep {
+    /// Its number in the plan.
+    pub number: u32,
+    /// What it does, for people.
+    pub label: String,
+    /// How it had ended before.
+    pub before: String,
 }
 
 /// One capture in the report.

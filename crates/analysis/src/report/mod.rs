@@ -9,6 +9,7 @@ mod calibration;
 mod environment;
 mod field;
 mod input;
+mod interruptions;
 mod overlay;
 mod picture;
 mod plot;
@@ -22,7 +23,9 @@ mod tables;
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
-pub use input::{Provenance, ReportCapture, ReportInput, ReportPicture, Trace};
+pub use input::{
+    Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
+};
 pub use stability::{stability_html, verdict as stability_verdict};
 
 /// Width in pixels to which pictures are reduced.
@@ -39,6 +42,7 @@ pub fn html(input: &ReportInput) -> String {
         (pictures(input))
         (residuals(input))
         (poses(input))
+        (interruptions::interruptions(input))
         section { h2 { "Environment" } (environment::environment(input)) }
         section { h2 { "Computing time" } (environment::stages(input)) }
         section { h2 { "Notes and failures" } (provenance::notes(input)) }

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests: they fail by panicking")]
 
 mod calibration;
+mod compare;
 mod export;
 mod report;
 mod score;

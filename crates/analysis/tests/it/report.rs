@@ -1,10 +1,11 @@
 //! The report page: well-formed, self-contained, complete, and calm about sessions that went wrong.
 
 use beampose_analysis::html;
+use beampose_analysis::report::{Interruption, RedoneStep};
 use beampose_photogrammetry::GrayImage;
 use beampose_photogrammetry::solve::Method;
 
-use crate::synthetic::{Size, analysed, around, session};
+use crate::synthetic::{Size, analysed, around, session, stamp};
 
 fn small() -> Size {
     Size { passes: 2, stops: 4, half: 1, frame: [320, 240], failures: 0 }
@@ -131,4 +132,41 @@ fn a_session_of_another_experiment_has_no_distances() {
     let page = html(&input);
     check(&page);
     assert!(!page.contains("Travelled distance"));
+}
+
+#[test]
+fn each_interruption_is_told_with_what_was_done_again() {
+    let mut input = around(vec![]);
+    assert!(!html(&input).contains("Interruptions"));
+    let step = RedoneStep {
+        number: 17,
+        label: "capture p004 <all>".to_owned(),
+        before: "failed: cam_b: no answer".to_owned(),
+    };
+    let gap = |restored: &[&str], redone: Vec<RedoneStep>| Interruption {
+        stopped: stamp(100.0),
+        resumed: stamp(100.0 + 5400.0),
+        reason: "the program died".to_owned(),
+        restored: restored.iter().map(|&text| text.to_owned()).collect(),
+        redone,
+    };
+    input.interruptions =
+        vec![gap(&["move rail to 300 mm", "switch laser on"], vec![step]), gap(&[], vec![])];
+    let page = html(&input);
+    check(&page);
+    let text = readable(&page);
+    for said in [
+        "Interruptions",
+        "the program died",
+        "90 min later",
+        "move rail to 300 mm; switch laser on",
+        "step 17, capture p004 &lt;all&gt; (failed: cam_b: no answer)",
+        "nothing",
+        "no step",
+    ] {
+        assert!(text.contains(said), "{said}");
+    }
+    let json = beampose_analysis::json(&input).unwrap();
+    assert_eq!(json["interruptions"][0]["duration_s"], 5400.0);
+    assert_eq!(json["interruptions"][0]["redone"][0]["number"], 17);
 }

@@ -64,7 +64,7 @@ impl Noise {
     }
 }
 
-fn stamp(seconds: f64) -> Stamp {
+pub fn stamp(seconds: f64) -> Stamp {
     let monotonic = Duration::from_secs_f64(seconds);
     let start: jiff::Timestamp = "2026-11-20T08:30:00Z".parse().unwrap();
     Stamp {
@@ -296,6 +296,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
             plan_text: "version: 1\ntitle: Translation along the rail, 11 × 11 pattern\nsteps:\n  - sweep: {rail: {from: 0 mm, to: 900 mm}} # <a & b>\n".to_owned(),
             rig_text: String::new(),
         },
+        interruptions: vec![],
         notes: vec!["the laser warmed up for 10 min before the first capture".to_owned()],
     }
 }

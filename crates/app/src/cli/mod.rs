@@ -3,6 +3,7 @@
 mod calibrate;
 mod check;
 mod export;
+mod filter;
 mod import;
 pub mod report;
 mod resume;

@@ -25,7 +25,7 @@ impl Tell {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
-        if SessionLock::take(store.path(), id).is_ok() {
+        if SessionLock::holder(store.path(), id).is_none() {
             close(store).await;
             return Err(Ended::input(format!("no program runs session {id}")));
         }

@@ -14,9 +14,11 @@ mod lab;
 mod other_pictures;
 mod plans;
 mod repeating;
+mod reprocessing;
 #[cfg(unix)]
 mod resuming;
 mod running;
 mod score;
 mod stopping;
+mod stored;
 mod unsolvable;

@@ -219,6 +219,19 @@ fn an_aborted_session_goes_on_where_it_was() {
     assert_eq!(gaps.len(), 1);
     // The laser was off in between, and `finally` is done again.
     assert!(!gaps[0].redone.is_empty());
+    let shown = lab.beampose(&["sessions", "show", "latest", "--json"]).json();
+    let interruptions = shown["interruptions"].as_array().unwrap();
+    assert_eq!((interruptions.len(), &interruptions[0]["reason"]), (1, &"aborted".into()));
+    let redone = interruptions[0]["redone"].as_array().unwrap();
+    assert_eq!(redone.len(), gaps[0].redone.len());
+    let text = lab.beampose(&["sessions", "show", "latest"]).out;
+    let page = std::fs::read_to_string(lab.path("report/report.html")).unwrap();
+    assert!(text.contains("(aborted), went on") && page.contains("Interruptions"), "{text}");
+    for step in redone {
+        let label = step["label"].as_str().unwrap();
+        assert!(text.contains(&format!("done again: step {}, {label}", step["number"])), "{text}");
+        assert!(page.contains(&format!("step {}, {label} (", step["number"])));
+    }
     let (captures, steps) = acquired(&lab);
     assert_eq!(captures.len(), 4);
     assert!(steps.iter().all(|step| step.ends_with("Done")), "{steps:?}");

@@ -1,8 +1,12 @@
 //! The store on a file of its own for each test.
 
+mod cut_short;
+mod keeping;
 mod opening;
 mod sessions;
 mod solving;
+mod transferring;
+mod views;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -44,7 +48,7 @@ fn header(id: SessionId) -> SessionHeader {
         origin_json: None,
         software: "0.1.0".to_owned(),
         seed: Some(u64::MAX),
-        steps: 4,
+        steps: 2,
         opened: at(0),
     }
 }

@@ -16,6 +16,8 @@ fn new(session: SessionId) -> NewProcessing {
         software: "0.1.0".to_owned(),
         options_json: "{\"methods\":[\"virtual-camera\"]}".to_owned(),
         lineage_json: "{\"pattern\":\"00ff\"}".to_owned(),
+        measurement_json: None,
+        batch: None,
     }
 }
 
