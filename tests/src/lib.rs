@@ -36,7 +36,10 @@ fn gather(folder: &Path, prefix: &str, endings: &[&str], found: &mut Vec<Source>
         let name = entry.file_name().into_string().unwrap();
         let path = format!("{prefix}{name}");
         let kind = entry.file_type().unwrap();
-        if kind.is_dir() && !name.starts_with('.') && !["target", "reports", "corpus"].contains(&&*name) {
+        if kind.is_dir()
+            && !name.starts_with('.')
+            && !["target", "reports", "corpus"].contains(&&*name)
+        {
             gather(&entry.path(), &format!("{path}/"), endings, found);
         } else if kind.is_file() && endings.iter().any(|e| name.ends_with(e)) {
             let text = std::fs::read_to_string(entry.path()).unwrap();

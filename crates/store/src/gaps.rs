@@ -1,13 +1,13 @@
 //! Sessions that go on: gaps, and earlier attempts at steps that are done again.
 
 use beampose_core::{Gap, SessionId, StepNumber};
-use sqlx::{FromRow, Sqlite, Transaction};
+use sqlx::FromRow;
 
 use crate::error::failed_to;
-use crate::open::begin;
 use crate::rows::Attempt;
 use crate::sessions::StepColumns;
 use crate::stamp::{damaged, stamp};
+use crate::writer::{Write, begin};
 use crate::{Store, StoreError};
 
 impl Store {
@@ -128,7 +128,7 @@ impl Store {
 /// Makes a stored step an earlier attempt. Its row stays until the step is done again; its capture
 /// makes room for the one to come.
 async fn set_aside(
-    transaction: &mut Transaction<'static, Sqlite>,
+    transaction: &mut Write,
     gap: i64,
     session: &str,
     step: StepNumber,

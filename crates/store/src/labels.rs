@@ -3,9 +3,9 @@
 use beampose_core::SessionId;
 
 use crate::error::failed_to;
-use crate::open::begin;
 use crate::rows::Note;
 use crate::stamp::timestamp;
+use crate::writer::begin;
 use crate::{Store, StoreError};
 
 /// Longest tag, characters: what a table still shows.

@@ -10,6 +10,7 @@
 //!
 //! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
 
+mod batch;
 mod disk;
 mod error;
 mod gaps;
@@ -30,10 +31,13 @@ mod tests;
 mod transfer;
 pub mod truth;
 mod verify;
+mod writer;
 
 use std::path::{Path, PathBuf};
 
 use sqlx::SqlitePool;
+
+use self::writer::Writer;
 
 pub use error::StoreError;
 pub use history::PastSession;
@@ -52,7 +56,7 @@ pub use transfer::Transferred;
 pub struct Store {
     path: PathBuf,
     /// One connection, so that writes queue here instead of failing as busy.
-    writer: SqlitePool,
+    writer: Writer,
     readers: SqlitePool,
 }
 

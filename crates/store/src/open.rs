@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 use beampose_core::clock::BoxFuture;
 use sqlx::migrate::{Migrate, MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{ConnectOptions, Connection, SqliteConnection, SqlitePool};
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
 use crate::Store;
-use crate::error::{StoreError, failed_to, sqlite_code};
+use crate::error::{StoreError, sqlite_code};
+use crate::writer::Writer;
 
 static MIGRATOR: Migrator = sqlx::migrate!("../../migrations");
 
@@ -74,14 +75,14 @@ impl Store {
 
 /// The writing connection. Going over to the write-ahead log does not wait for another program that
 /// does the same, as every other statement would: it is busy at once.
-async fn in_turn(path: &Path, options: SqliteConnectOptions) -> Result<SqlitePool, StoreError> {
+async fn in_turn(path: &Path, options: SqliteConnectOptions) -> Result<Writer, StoreError> {
     let end = Instant::now() + BUSY_TIMEOUT;
     loop {
-        match pool(1).connect_with(options.clone()).await.map_err(|error| cannot(path, &error)) {
+        match connect(&options).await.map_err(|error| cannot(path, &error)) {
             Err(StoreError::Busy { .. }) if Instant::now() < end => {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
-            other => return other,
+            connected => return connected.map(Writer::new),
         }
     }
 }
@@ -230,13 +231,4 @@ fn cannot(path: &Path, error: &sqlx::Error) -> StoreError {
         Some(14) => StoreError::NotWritable { path, reason },
         _ => StoreError::NotOpened { path, reason },
     }
-}
-
-/// Begins a transaction that writes from its first statement on, so that it cannot fail later for
-/// want of the lock.
-pub(crate) async fn begin(
-    writer: &SqlitePool,
-    doing: &str,
-) -> Result<sqlx::Transaction<'static, sqlx::Sqlite>, StoreError> {
-    writer.begin_with("BEGIN IMMEDIATE").await.map_err(failed_to(doing))
 }

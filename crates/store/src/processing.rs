@@ -8,9 +8,9 @@ use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::error::failed_to;
-use crate::open::begin;
 use crate::rows::{NewProcessing, PoseRow, Processing, ProcessingId, ResultRow, SolutionRow};
 use crate::stamp::{count, damaged, from_json, session_id, timestamp, to_json};
+use crate::writer::begin;
 use crate::{Store, StoreError};
 
 /// A name for processings that are begun together.

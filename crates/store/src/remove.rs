@@ -4,9 +4,9 @@ use beampose_core::SessionId;
 use sqlx::AssertSqlSafe;
 
 use crate::error::failed_to;
-use crate::open::begin;
 use crate::stamp::count;
 use crate::tables::{quoted, session_tables};
+use crate::writer::{Write, begin};
 use crate::{Store, StoreError};
 
 /// What a deletion took away.
@@ -54,25 +54,25 @@ impl Store {
         let size = || std::fs::metadata(self.path()).map_or(0, |file| file.len());
         self.fold(doing).await?;
         let before = size();
-        sqlx::query("VACUUM").execute(&self.writer).await.map_err(failed_to(doing))?;
+        let mut writer = self.writer.turn(doing).await?;
+        sqlx::query("VACUUM").execute(&mut *writer).await.map_err(failed_to(doing))?;
+        drop(writer);
         self.fold(doing).await?;
         Ok((before, size()))
     }
 
     /// Folds the write-ahead log into the file.
     async fn fold(&self, doing: &str) -> Result<(), StoreError> {
+        let mut writer = self.writer.turn(doing).await?;
         let (busy, _, _): (i64, i64, i64) = sqlx::query_as("PRAGMA wal_checkpoint(TRUNCATE)")
-            .fetch_one(&self.writer)
+            .fetch_one(&mut *writer)
             .await
             .map_err(failed_to(doing))?;
         if busy == 0 { Ok(()) } else { Err(StoreError::Busy { doing: doing.to_owned() }) }
     }
 }
 
-async fn delete(
-    transaction: &mut sqlx::Transaction<'static, sqlx::Sqlite>,
-    session: SessionId,
-) -> Result<Deleted, sqlx::Error> {
+async fn delete(transaction: &mut Write, session: SessionId) -> Result<Deleted, sqlx::Error> {
     // Until the commit rows may refer to what is gone: the order of the tables is of no matter.
     sqlx::query("PRAGMA defer_foreign_keys = ON").execute(&mut **transaction).await?;
     let mut tables = session_tables(transaction, "main").await?;

@@ -5,11 +5,11 @@ use beampose_core::{
     Answer, CaptureRecord, Event, Gap, InstrumentName, Missing, Reading, RunSink, SessionHeader,
     SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome, StepRecord,
 };
-use sqlx::{Sqlite, Transaction};
 
+use crate::batch::Batch;
 use crate::error::failed_to;
-use crate::open::begin;
 use crate::stamp::{numbers_to_json, word_of};
+use crate::writer::begin;
 use crate::{Store, StoreError};
 
 #[async_trait]
@@ -52,7 +52,7 @@ fn sink_error(what: String, error: &StoreError) -> SinkError {
 
 /// A transaction, and in whose name rows go into it.
 struct Rows<'a> {
-    transaction: &'a mut Transaction<'static, Sqlite>,
+    batch: Batch,
     session: String,
     doing: &'a str,
 }
@@ -87,25 +87,31 @@ impl Store {
 
     async fn save_step(&self, session: SessionId, record: &StepRecord) -> Result<(), StoreError> {
         let doing = "store a step";
-        let mut transaction = begin(&self.writer, doing).await?;
-        let mut rows = Rows { transaction: &mut transaction, session: session.to_string(), doing };
-        rows.step(record).await?;
+        let mut rows = Rows { batch: Batch::new(), session: session.to_string(), doing };
+        rows.step(record);
         for (instrument, reading) in &record.readings {
-            rows.reading(record.number, instrument, reading).await?;
+            rows.reading(record.number, instrument, reading);
         }
         if let Some(capture) = &record.capture {
-            rows.capture(record, capture).await?;
+            rows.capture(record, capture)?;
         }
         for missing in &record.missing {
-            rows.missing(record.number, missing).await?;
+            rows.missing(record.number, missing);
         }
         if let Some(answer) = &record.answer {
-            rows.answer(record.number, answer).await?;
+            rows.answer(record.number, answer);
         }
         for event in &record.events {
-            rows.event(Some(record.number), event).await?;
+            rows.event(Some(record.number), event)?;
         }
-        transaction.commit().await.map_err(failed_to(doing))
+        rows.batch.commit(&self.writer, doing).await.map_err(|error| match error {
+            // The table says it in its own words: see `STEP`.
+            StoreError::Refused { doing, reason } if reason.contains("steps.label") => {
+                let reason = format!("step {} of this session is stored already", record.number);
+                StoreError::Refused { doing, reason }
+            }
+            other => other,
+        })
     }
 
     async fn close_session(
@@ -117,9 +123,17 @@ impl Store {
     ) -> Result<(), StoreError> {
         let doing = "close a session";
         let mut transaction = begin(&self.writer, doing).await?;
-        let mut rows = Rows { transaction: &mut transaction, session: session.to_string(), doing };
         for event in events {
-            rows.event(None, event).await?;
+            sqlx::query(EVENT)
+                .bind(session.to_string())
+                .bind(None::<u32>)
+                .bind(event.at.utc.to_string())
+                .bind(event.at.monotonic.as_secs_f64())
+                .bind(word_of(doing, &event.kind)?)
+                .bind(&event.message)
+                .execute(&mut *transaction)
+                .await
+                .map_err(failed_to(doing))?;
         }
         let (word, ending) = match outcome {
             SessionOutcome::Stopped | SessionOutcome::Halted => {
@@ -149,177 +163,147 @@ impl Store {
     }
 }
 
+const EVENT: &str = "INSERT INTO events (session, step, at_utc, at_s, kind, message)
+     VALUES (?, ?, ?, ?, ?, ?)";
+
+/// A step that is stored is stored once: its label is then nothing, which the table refuses. One
+/// that is kept as an earlier attempt, and not yet done again, makes room.
+const STEP: &str = "INSERT INTO steps (session, number, label, kind, started_utc, started_s,
+        finished_utc, finished_s, outcome, reason, handled)
+     VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+     ON CONFLICT (session, number) DO UPDATE SET
+        label = CASE WHEN EXISTS (SELECT 1 FROM attempts a WHERE a.session = steps.session
+            AND a.step = steps.number AND a.finished_s = steps.finished_s)
+            THEN excluded.label END,
+        kind = excluded.kind,
+        started_utc = excluded.started_utc, started_s = excluded.started_s,
+        finished_utc = excluded.finished_utc, finished_s = excluded.finished_s,
+        outcome = excluded.outcome, reason = excluded.reason, handled = excluded.handled";
+
 impl Rows<'_> {
-    async fn step(&mut self, record: &StepRecord) -> Result<(), StoreError> {
+    fn step(&mut self, record: &StepRecord) {
         let (outcome, reason, handled) = match &record.outcome {
             StepOutcome::Done => ("done", None, None),
-            StepOutcome::Failed { reason } => ("failed", Some(reason), None),
-            StepOutcome::PassedOver { reason } => ("failed", Some(reason), Some("passed_over")),
+            StepOutcome::Failed { reason } => ("failed", Some(reason.as_str()), None),
+            StepOutcome::PassedOver { reason } => {
+                ("failed", Some(reason.as_str()), Some("passed_over"))
+            }
             StepOutcome::Skipped => ("skipped", None, None),
         };
-        let stored = sqlx::query(
-            "INSERT INTO steps (session, number, label, kind, started_utc, started_s,
-                finished_utc, finished_s, outcome, reason, handled)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
-             ON CONFLICT (session, number) DO UPDATE SET
-                label = excluded.label, kind = excluded.kind,
-                started_utc = excluded.started_utc, started_s = excluded.started_s,
-                finished_utc = excluded.finished_utc, finished_s = excluded.finished_s,
-                outcome = excluded.outcome, reason = excluded.reason,
-                handled = excluded.handled
-             -- Only what is kept as an earlier attempt, and not yet done again.
-             WHERE EXISTS (SELECT 1 FROM attempts a WHERE a.session = steps.session
-                AND a.step = steps.number AND a.finished_s = steps.finished_s)",
-        )
-        .bind(&self.session)
-        .bind(record.number.0)
-        .bind(&record.label)
-        .bind(&record.kind)
-        .bind(record.started.utc.to_string())
-        .bind(record.started.monotonic.as_secs_f64())
-        .bind(record.finished.utc.to_string())
-        .bind(record.finished.monotonic.as_secs_f64())
-        .bind(outcome)
-        .bind(reason)
-        .bind(handled)
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
-        if stored.rows_affected() != 1 {
-            let reason = format!("step {} of this session is stored already", record.number);
-            return Err(StoreError::Refused { doing: self.doing.to_owned(), reason });
-        }
-        Ok(())
+        self.batch
+            .statement(STEP)
+            .bind(self.session.as_str())
+            .bind(record.number.0)
+            .bind(record.label.as_str())
+            .bind(record.kind.as_str())
+            .bind(record.started.utc.to_string())
+            .bind(record.started.monotonic.as_secs_f64())
+            .bind(record.finished.utc.to_string())
+            .bind(record.finished.monotonic.as_secs_f64())
+            .bind(outcome)
+            .bind(reason)
+            .bind(handled);
     }
 
-    async fn reading(
-        &mut self,
-        step: StepNumber,
-        instrument: &InstrumentName,
-        reading: &Reading,
-    ) -> Result<(), StoreError> {
-        sqlx::query(
-            "INSERT INTO readings (session, step, instrument, quantity, value,
-                standard_uncertainty, at_utc, at_s)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(step.0)
-        .bind(instrument.as_str())
-        .bind(reading.quantity.name())
-        .bind(reading.value)
-        .bind(reading.standard_uncertainty)
-        .bind(reading.at.utc.to_string())
-        .bind(reading.at.monotonic.as_secs_f64())
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
-        Ok(())
+    fn reading(&mut self, step: StepNumber, instrument: &InstrumentName, reading: &Reading) {
+        self.batch
+            .statement(
+                "INSERT INTO readings (session, step, instrument, quantity, value,
+                    standard_uncertainty, at_utc, at_s)
+                 VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(step.0)
+            .bind(instrument.as_str())
+            .bind(reading.quantity.name())
+            .bind(reading.value)
+            .bind(reading.standard_uncertainty)
+            .bind(reading.at.utc.to_string())
+            .bind(reading.at.monotonic.as_secs_f64());
     }
 
-    async fn missing(&mut self, step: StepNumber, missing: &Missing) -> Result<(), StoreError> {
-        sqlx::query(
-            "INSERT INTO missing_values (session, step, instrument, reason) VALUES (?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(step.0)
-        .bind(missing.instrument.as_str())
-        .bind(&missing.reason)
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
-        Ok(())
+    fn missing(&mut self, step: StepNumber, missing: &Missing) {
+        self.batch
+            .statement(
+                "INSERT INTO missing_values (session, step, instrument, reason)
+                 VALUES (?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(step.0)
+            .bind(missing.instrument.as_str())
+            .bind(missing.reason.as_str());
     }
 
-    async fn answer(&mut self, step: StepNumber, answer: &Answer) -> Result<(), StoreError> {
-        sqlx::query(
-            "INSERT INTO answers (session, step, name, value, given_by) VALUES (?, ?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(step.0)
-        .bind(&answer.name)
-        .bind(&answer.value)
-        .bind(&answer.by)
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
-        Ok(())
+    fn answer(&mut self, step: StepNumber, answer: &Answer) {
+        self.batch
+            .statement(
+                "INSERT INTO answers (session, step, name, value, given_by)
+                 VALUES (?, ?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(step.0)
+            .bind(answer.name.as_str())
+            .bind(answer.value.as_str())
+            .bind(answer.by.as_str());
     }
 
-    async fn capture(
-        &mut self,
-        record: &StepRecord,
-        capture: &CaptureRecord,
-    ) -> Result<(), StoreError> {
+    fn capture(&mut self, record: &StepRecord, capture: &CaptureRecord) -> Result<(), StoreError> {
         let requested = capture.pictures.iter().map(|picture| picture.requested).min();
         let triggered = requested.unwrap_or(record.started);
-        sqlx::query(
-            "INSERT INTO captures (session, id, step, setpoints_json, readings_json,
-                triggered_utc, triggered_s)
-             VALUES (?, ?, ?, ?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(capture.id.as_str())
-        .bind(record.number.0)
-        .bind(numbers_to_json(self.doing, &capture.setpoints)?)
-        .bind(numbers_to_json(self.doing, &capture.readings)?)
-        .bind(triggered.utc.to_string())
-        .bind(triggered.monotonic.as_secs_f64())
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
+        let setpoints = numbers_to_json(self.doing, &capture.setpoints)?;
+        let readings = numbers_to_json(self.doing, &capture.readings)?;
+        self.batch
+            .statement(
+                "INSERT INTO captures (session, id, step, setpoints_json, readings_json,
+                    triggered_utc, triggered_s)
+                 VALUES (?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(capture.id.as_str())
+            .bind(record.number.0)
+            .bind(setpoints)
+            .bind(readings)
+            .bind(triggered.utc.to_string())
+            .bind(triggered.monotonic.as_secs_f64());
         for picture in &capture.pictures {
-            self.picture(capture, picture).await?;
+            self.picture(capture, picture);
         }
         Ok(())
     }
 
-    async fn picture(
-        &mut self,
-        capture: &CaptureRecord,
-        picture: &beampose_core::Picture,
-    ) -> Result<(), StoreError> {
+    fn picture(&mut self, capture: &CaptureRecord, picture: &beampose_core::Picture) {
         let hash = blake3::hash(&picture.bytes).to_hex();
-        sqlx::query("INSERT INTO blobs (blake3, bytes) VALUES (?, ?) ON CONFLICT DO NOTHING")
+        self.batch
+            .statement("INSERT INTO blobs (blake3, bytes) VALUES (?, ?) ON CONFLICT DO NOTHING")
             .bind(hash.as_str())
-            .bind(picture.bytes.as_slice())
-            .execute(&mut **self.transaction)
-            .await
-            .map_err(failed_to(self.doing))?;
-        sqlx::query(
-            "INSERT INTO pictures (session, capture, camera, blake3, size_bytes, requested_utc,
-                requested_s, delivered_utc, delivered_s)
-             VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(capture.id.as_str())
-        .bind(picture.camera.as_str())
-        .bind(hash.as_str())
-        .bind(i64::try_from(picture.bytes.len()).unwrap_or(i64::MAX))
-        .bind(picture.requested.utc.to_string())
-        .bind(picture.requested.monotonic.as_secs_f64())
-        .bind(picture.delivered.utc.to_string())
-        .bind(picture.delivered.monotonic.as_secs_f64())
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
-        Ok(())
+            .bind(picture.bytes.as_slice());
+        self.batch
+            .statement(
+                "INSERT INTO pictures (session, capture, camera, blake3, size_bytes,
+                    requested_utc, requested_s, delivered_utc, delivered_s)
+                 VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(capture.id.as_str())
+            .bind(picture.camera.as_str())
+            .bind(hash.as_str())
+            .bind(i64::try_from(picture.bytes.len()).unwrap_or(i64::MAX))
+            .bind(picture.requested.utc.to_string())
+            .bind(picture.requested.monotonic.as_secs_f64())
+            .bind(picture.delivered.utc.to_string())
+            .bind(picture.delivered.monotonic.as_secs_f64());
     }
 
-    async fn event(&mut self, step: Option<StepNumber>, event: &Event) -> Result<(), StoreError> {
-        sqlx::query(
-            "INSERT INTO events (session, step, at_utc, at_s, kind, message)
-             VALUES (?, ?, ?, ?, ?, ?)",
-        )
-        .bind(&self.session)
-        .bind(step.map(|step| step.0))
-        .bind(event.at.utc.to_string())
-        .bind(event.at.monotonic.as_secs_f64())
-        .bind(word_of(self.doing, &event.kind)?)
-        .bind(&event.message)
-        .execute(&mut **self.transaction)
-        .await
-        .map_err(failed_to(self.doing))?;
+    fn event(&mut self, step: Option<StepNumber>, event: &Event) -> Result<(), StoreError> {
+        let kind = word_of(self.doing, &event.kind)?;
+        self.batch
+            .statement(EVENT)
+            .bind(self.session.as_str())
+            .bind(step.map(|step| step.0))
+            .bind(event.at.utc.to_string())
+            .bind(event.at.monotonic.as_secs_f64())
+            .bind(kind)
+            .bind(event.message.as_str());
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use beampose_core::{CaptureId, SessionId};
 
 use crate::error::failed_to;
-use crate::open::begin;
+use crate::writer::{Write, begin};
 use crate::{Store, StoreError};
 
 /// Stores where everything truly was in a stored capture, as JSON.
@@ -67,7 +67,7 @@ pub async fn save_parameters(
 
 /// Forgets the truth of a capture that is taken again.
 pub(crate) async fn forget_capture(
-    transaction: &mut sqlx::Transaction<'static, sqlx::Sqlite>,
+    transaction: &mut Write,
     session: &str,
     capture: &str,
 ) -> Result<(), sqlx::Error> {

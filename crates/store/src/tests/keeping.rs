@@ -245,8 +245,9 @@ async fn a_capture_or_an_input_that_is_not_what_it_was_is_found() {
     let store = &fresh.store;
     let id = full_session(store).await;
     let honest = blake3::hash(header(id).measurement_json.as_bytes()).to_hex();
-    let set = |lineage: String| {
-        sqlx::query("UPDATE processings SET lineage_json = ?").bind(lineage).execute(&store.writer)
+    let set = async |lineage: String| {
+        let update = sqlx::query("UPDATE processings SET lineage_json = ?").bind(lineage);
+        update.execute(&mut *store.writer.turn("test").await.unwrap()).await
     };
     set(format!("{{\"measurement_blake3\":\"{honest}\"}}")).await.unwrap();
     assert_eq!(store.verify(id).await.unwrap().problems, Vec::<String>::new());
@@ -255,7 +256,7 @@ async fn a_capture_or_an_input_that_is_not_what_it_was_is_found() {
     assert_eq!(problems.len(), 2, "{problems:?}");
     assert!(problems[0].starts_with("the calibrations, pattern and artefact of processing 1"));
     sqlx::query("UPDATE blobs SET bytes = x'00' WHERE CAST(bytes AS TEXT) LIKE 'partial%'")
-        .execute(&store.writer)
+        .execute(&mut *store.writer.turn("test").await.unwrap())
         .await
         .unwrap();
     let problems = store.verify(id).await.unwrap().problems;
@@ -280,7 +281,10 @@ async fn a_database_that_is_held_says_so_and_takes_the_same_again_later() {
     let fresh = fresh().await;
     let store = &fresh.store;
     let id = full_session(store).await;
-    sqlx::query("PRAGMA busy_timeout = 1").execute(&store.writer).await.unwrap();
+    sqlx::query("PRAGMA busy_timeout = 1")
+        .execute(&mut *store.writer.turn("test").await.unwrap())
+        .await
+        .unwrap();
     let mut other = stranger(store.path()).await;
     sqlx::query("BEGIN IMMEDIATE").execute(&mut other).await.unwrap();
     let what = "the database is held by another program; try again when it has finished";

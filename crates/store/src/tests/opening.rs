@@ -1,17 +1,16 @@
 //! Opening: what may be at the path, and how the connections are set.
 
-use sqlx::{ConnectOptions, SqliteConnection, SqlitePool};
+use sqlx::{ConnectOptions, SqliteConnection};
 
 use super::{fresh, session};
 use crate::{Store, StoreError, path_of};
 
-async fn pragma(pool: &SqlitePool, sql: &'static str) -> String {
-    let mut connection = pool.acquire().await.unwrap();
+async fn pragma(connection: &mut SqliteConnection, sql: &'static str) -> String {
     let as_text: Result<String, _> = sqlx::query_scalar(sql).fetch_one(&mut *connection).await;
     match as_text {
         Ok(text) => text,
         Err(_) => {
-            let number: i64 = sqlx::query_scalar(sql).fetch_one(&mut *connection).await.unwrap();
+            let number: i64 = sqlx::query_scalar(sql).fetch_one(connection).await.unwrap();
             number.to_string()
         }
     }
@@ -20,12 +19,13 @@ async fn pragma(pool: &SqlitePool, sql: &'static str) -> String {
 #[tokio::test]
 async fn the_writer_is_durable_and_keeps_the_rules() {
     let fresh = fresh().await;
-    let writer = &fresh.store.writer;
+    let mut reader = fresh.store.readers.acquire().await.unwrap();
+    let writer = &mut *fresh.store.writer.turn("look").await.unwrap();
     assert_eq!(pragma(writer, "PRAGMA journal_mode").await, "wal");
     assert_eq!(pragma(writer, "PRAGMA synchronous").await, "2", "FULL");
     assert_eq!(pragma(writer, "PRAGMA foreign_keys").await, "1");
     assert_eq!(pragma(writer, "PRAGMA busy_timeout").await, "10000");
-    assert_eq!(pragma(&fresh.store.readers, "PRAGMA busy_timeout").await, "10000");
+    assert_eq!(pragma(&mut *reader, "PRAGMA busy_timeout").await, "10000");
 }
 
 #[tokio::test]
@@ -44,8 +44,10 @@ async fn opening_again_migrates_nothing_and_loses_nothing() {
     for _ in 0..2 {
         let again = Store::open(&path).await.unwrap();
         assert_eq!(again.sessions().await.unwrap()[0].id, id);
-        let applied = pragma(&again.writer, "SELECT count(*) FROM _sqlx_migrations").await;
+        let mut connection = again.writer.turn("look").await.unwrap();
+        let applied = pragma(&mut connection, "SELECT count(*) FROM _sqlx_migrations").await;
         assert_eq!(applied, crate::open::newest_schema().to_string());
+        drop(connection);
         again.close().await;
     }
 }
@@ -165,7 +167,7 @@ async fn the_database_of_another_program_is_refused_and_left_as_it_is() {
 async fn a_newer_schema_asks_for_an_update() {
     let fresh = fresh().await;
     let newer = "INSERT INTO _sqlx_migrations VALUES (99, 'future', '2030-01-01', 1, x'00', 0)";
-    sqlx::query(newer).execute(&fresh.store.writer).await.unwrap();
+    sqlx::query(newer).execute(&mut *fresh.store.writer.turn("test").await.unwrap()).await.unwrap();
     let error = Store::open(fresh.store.path()).await.unwrap_err();
     let StoreError::NewerSchema { version: 99, known, .. } = error else { panic!("{error}") };
     assert_eq!(known, crate::open::newest_schema());
@@ -176,9 +178,28 @@ async fn a_database_that_another_program_holds_is_busy() {
     let fresh = fresh().await;
     let mut other = stranger(fresh.store.path()).await;
     sqlx::query("BEGIN IMMEDIATE").execute(&mut other).await.unwrap();
-    sqlx::query("PRAGMA busy_timeout = 1").execute(&fresh.store.writer).await.unwrap();
-    let error = crate::open::begin(&fresh.store.writer, "store a step").await.unwrap_err();
+    sqlx::query("PRAGMA busy_timeout = 1")
+        .execute(&mut *fresh.store.writer.turn("test").await.unwrap())
+        .await
+        .unwrap();
+    let error = crate::writer::begin(&fresh.store.writer, "store a step").await.err().unwrap();
     assert!(matches!(error, StoreError::Busy { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_transaction_that_is_given_up_holds_nobody_up_and_leaves_nothing() {
+    let fresh = fresh().await;
+    let store = &fresh.store;
+    let mut write = crate::writer::begin(&store.writer, "test").await.unwrap();
+    sqlx::query("PRAGMA user_version = 7").execute(&mut *write).await.unwrap();
+    drop(write);
+    // Another program's turn comes without ours beginning anything.
+    let mut other = stranger(store.path()).await;
+    sqlx::query("PRAGMA busy_timeout = 5000").execute(&mut other).await.unwrap();
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut other).await.unwrap();
+    sqlx::query("COMMIT").execute(&mut other).await.unwrap();
+    let mut writer = store.writer.turn("look").await.unwrap();
+    assert_eq!(pragma(&mut writer, "PRAGMA user_version").await, "0");
 }
 
 #[test]

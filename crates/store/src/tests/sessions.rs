@@ -237,7 +237,7 @@ async fn a_corrupt_picture_is_detected_and_never_given_out() {
     let store = &fresh.store;
     let id = session(store).await;
     sqlx::query("UPDATE blobs SET bytes = x'646f7473ff' WHERE bytes = CAST('dots' AS BLOB)")
-        .execute(&store.writer)
+        .execute(&mut *store.writer.turn("test").await.unwrap())
         .await
         .unwrap();
     let error = store.picture(id, &p000(), &"cam_b".into()).await.unwrap_err();
@@ -254,7 +254,7 @@ async fn a_missing_picture_is_detected() {
     let fresh = fresh().await;
     let store = &fresh.store;
     let id = session(store).await;
-    let mut connection = store.writer.acquire().await.unwrap();
+    let mut connection = store.writer.turn("test").await.unwrap();
     for sql in ["PRAGMA foreign_keys = OFF", "DELETE FROM blobs WHERE id = 1"] {
         sqlx::query(sql).execute(&mut *connection).await.unwrap();
     }
