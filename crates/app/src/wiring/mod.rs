@@ -310,21 +310,25 @@ fn thermometer_u(rig: &Rig) -> f64 {
         .unwrap_or_default()
 }
 
+/// A stage that errs in nothing, in its own unit; it begins at zero where it can.
+fn stage(limits: [f64; 2], speed_per_s: f64, settle_s: f64) -> StageConfig {
+    let start = limits[0].max(0.0);
+    let (positioning_sigma, resolution, noise) = (0.0, 0.0, 0.0);
+    StageConfig { limits, start, speed_per_s, settle_s, positioning_sigma, resolution, noise }
+}
+
 fn rail(rig: &Rig, simulation: &Simulation) -> Option<RailConfig> {
     let module = &simulation.module;
     let Some(Instrument::LinearAxis(axis)) = rig.instruments.get(&module.axis.value) else {
         return None;
     };
-    let straightness = module.straightness.amplitude.0;
+    let (travel, straightness) = (&axis.travel.value, module.straightness.amplitude.0);
     Some(RailConfig {
         stage: StageConfig {
-            limits: [axis.travel.value.from.0, axis.travel.value.to.0],
-            start: axis.travel.value.from.0.max(0.0),
-            speed_per_s: axis.speed.0,
-            settle_s: axis.settle.0,
             positioning_sigma: 0.002,
             resolution: 0.001,
             noise: 0.001,
+            ..stage([travel.from.0, travel.to.0], axis.speed.0, axis.settle.0)
         },
         direction: module.direction.value,
         scale_error_relative: module.scale_relative,
@@ -340,16 +344,14 @@ fn rotation(rig: &Rig, simulation: &Simulation) -> Option<RotationConfig> {
     let Some(Instrument::RotaryAxis(axis)) = rig.instruments.get(&turntable.axis.value) else {
         return None;
     };
+    let travel = &axis.travel.value;
     Some(RotationConfig {
         stage: StageConfig {
-            limits: [axis.travel.value.from.0, axis.travel.value.to.0],
-            start: axis.travel.value.from.0.max(0.0),
-            speed_per_s: axis.speed.0,
-            settle_s: axis.settle.0,
             positioning_sigma: 5e-4,
             // One second of arc.
             resolution: 1.0 / 3600.0,
             noise: axis.u.map_or(0.0, |u| u.0),
+            ..stage([travel.from.0, travel.to.0], axis.speed.0, axis.settle.0)
         },
         axis_point_mm: turntable.about.map(|x| x.0),
         axis_direction: turntable.direction.value,

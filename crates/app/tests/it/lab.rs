@@ -53,6 +53,13 @@ pub fn turned_plan() -> String {
     replaced(&text, "turn: 3 deg", "turn: 24 deg")
 }
 
+/// Sends the program a signal.
+#[cfg(unix)]
+pub fn signal(run: &std::process::Child, signal: &str) {
+    let kill = format!("kill -{signal} {}", run.id());
+    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+}
+
 /// How the program ended, and what it said.
 #[derive(Debug)]
 pub struct Ended {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::lab::{Ended, Lab, plan, replaced, rig};
+use crate::lab::{Ended, Lab, plan, replaced, rig, signal};
 
 /// The default rig in a world that does not drift: no diode warms, no room does. What is measured
 /// at one place is then the same at any time.
@@ -18,9 +18,14 @@ fn steady_rig() -> String {
 
 /// A folder with a plan and the steady rig.
 fn steady_lab(plan: &str) -> Lab {
+    lab_of(plan, &steady_rig())
+}
+
+/// A folder with a plan and a rig, whose file has the name that all runs here go by.
+fn lab_of(plan: &str, rig: &str) -> Lab {
     let lab = Lab::new();
     lab.write("plan.yaml", plan);
-    lab.write_rig("steady", &steady_rig());
+    lab.write_rig("steady", rig);
     lab
 }
 
@@ -66,9 +71,9 @@ fn killed(lab: &Lab, arguments: &[&str], after: Duration) -> bool {
 
 /// A laboratory whose run was killed when its session was first seen like this. A run that is over
 /// before it is seen so is begun again.
-fn killed_when(plan: &str, is_time: impl Fn(&Value) -> bool) -> Lab {
+fn killed_when(laboratory: impl Fn() -> Lab, is_time: impl Fn(&Value) -> bool) -> Lab {
     for _ in 0..20 {
-        let lab = steady_lab(plan);
+        let lab = laboratory();
         let mut command = lab.command();
         command.args(run_arguments("0.5")).stdout(Stdio::null()).stderr(Stdio::null());
         let mut run = command.spawn().unwrap();
@@ -190,12 +195,42 @@ fn poses_and_results_of_a_resumed_session_are_those_of_an_uninterrupted_one() {
     let whole = steady_lab(&plan);
     whole.beampose(&run_arguments("0.5")).expect_code(0);
     let half_done = |s: &Value| s["outcome"] == "not closed" && s["captures"].as_u64() >= Some(2);
-    let lab = killed_when(&plan, half_done);
+    let lab = killed_when(|| steady_lab(&plan), half_done);
     let ended = resume_to_the_end(&lab);
     assert!(ended.err.contains("the program died"), "{}", ended.err);
     assert_eq!(ended.json_lines().pop().unwrap()["captures"], 4);
     assert_eq!(acquired(&lab), acquired(&whole));
     assert_eq!(poses(&lab), poses(&whole));
+}
+
+/// In a world that drifts the diode is warmed up again after the gap: its wavelength is another one,
+/// and the results are as uncertain as they say.
+#[test]
+fn in_a_drifting_world_the_gap_is_in_the_record_and_the_results_agree_within_their_uncertainty() {
+    let plan = plan(1, 300, 100);
+    let text = std::fs::read_to_string(rig()).unwrap();
+    let whole = lab_of(&plan, &text);
+    whole.beampose(&run_arguments("0.5")).expect_code(0);
+    let half_done = |s: &Value| s["outcome"] == "not closed" && s["captures"].as_u64() >= Some(2);
+    let lab = killed_when(|| lab_of(&plan, &text), half_done);
+    resume_to_the_end(&lab);
+    let gaps = lab.with_store("beampose.db", async |store| {
+        let id = store.find_session("latest").await.unwrap();
+        store.gaps(id).await.unwrap()
+    });
+    assert_eq!(gaps.len(), 1);
+    assert!(gaps[0].restored.iter().any(|step| step == "laser on"), "{:?}", gaps[0].restored);
+    assert_ne!(acquired(&lab).0, acquired(&whole).0, "nothing drifted: the test shows nothing");
+    let (found, expected) = (poses(&lab), poses(&whole));
+    assert!(!found.is_empty());
+    let number = |stop: &Value, key: &str| stop[key].as_f64().unwrap();
+    for (found, expected) in found.iter().zip(&expected) {
+        for (a, b) in found.as_array().unwrap().iter().zip(expected.as_array().unwrap()) {
+            let apart = number(a, "mean_difference_mm") - number(b, "mean_difference_mm");
+            let u = |stop| number(stop, "expanded_uncertainty_mm");
+            assert!(apart.abs() <= f64::hypot(u(a), u(b)), "{a} {b}");
+        }
+    }
 }
 
 #[test]
@@ -246,6 +281,8 @@ fn a_session_that_runs_is_not_resumed_beside_it() {
     while !has_session(&lab) {
         std::thread::sleep(Duration::from_millis(20));
     }
+    // It pauses at the next checkpoint: however slow this test is, the run is still there.
+    signal(&run, "INT");
     let refused = lab.beampose(&["resume"]).expect_code(2);
     let holder = format!("is being run by process {}", run.id());
     assert!(refused.err.contains(&holder), "{}", refused.err);
@@ -265,7 +302,7 @@ fn a_session_killed_while_it_is_solved_is_solved_and_reported() {
     let whole = steady_lab(&plan);
     whole.beampose(&run_arguments("0.5")).expect_code(0);
     for _ in 0..20 {
-        let lab = killed_when(&plan, |s| s["outcome"] == "completed");
+        let lab = killed_when(|| steady_lab(&plan), |s| s["outcome"] == "completed");
         let resumed = lab.beampose(&["resume", "--json", "--out", "report"]);
         if resumed.code == 2 && resumed.err.contains("nothing to resume") {
             // It had solved all before the signal came.

@@ -3,7 +3,7 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use crate::lab::{Ended, Lab, SCALE, experiments, plan, solutions};
+use crate::lab::{Ended, Lab, SCALE, experiments, plan, signal, solutions};
 
 /// Waits until a session in the database has `wanted` captures. The database is there from the
 /// first step on, and a reader beside the run is welcome.
@@ -18,13 +18,6 @@ fn wait_for_captures(lab: &Lab, wanted: u64) {
         std::thread::sleep(Duration::from_millis(50));
     }
     panic!("no {wanted} captures within a minute");
-}
-
-/// Sends the program a signal.
-#[cfg(unix)]
-fn signal(run: &std::process::Child, signal: &str) {
-    let kill = format!("kill -{signal} {}", run.id());
-    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
 /// A run that has taken two captures of sixty.
@@ -155,11 +148,20 @@ fn two_runs_never_drive_the_same_instrument_and_a_dead_one_is_named() {
     let lab = Lab::new();
     lab.write_rig("mine", &text);
     lab.write_rig("theirs", &text);
-    lab.write("plan.yaml", &plan(1, 200, 100));
+    // The first is long: it is still at it when the second one comes.
+    lab.write("mine.yaml", &plan(1, 900, 50));
+    lab.write("theirs.yaml", &plan(1, 200, 100));
     let command = |rig: &str| {
         let mut command = lab.command();
         command.env("BEAMPOSE_LOCKS", lab.path("locks"));
-        command.args(["run", "plan.yaml", "--rig", rig, "--picture-scale", SCALE]);
+        command.args([
+            "run",
+            rig.trim_start_matches("rigs/"),
+            "--rig",
+            rig,
+            "--picture-scale",
+            SCALE,
+        ]);
         command.args(["--out", rig.trim_end_matches(".yaml"), "--db", &format!("{rig}.db")]);
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
