@@ -7,7 +7,7 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let (Ok(folder), Ok(runtime)) =
-        (tempfile::tempdir(), tokio::runtime::Builder::new_current_thread().build())
+        (tempfile::tempdir(), tokio::runtime::Builder::new_current_thread().enable_all().build())
     else {
         return;
     };
