@@ -3,6 +3,7 @@
     python orchestrators.py FOLDER
 """
 
+import contextlib
 import json
 import pathlib
 import sys
@@ -30,7 +31,8 @@ def qcodes_points():
         measurement.register_parameter(position)
         measurement.register_parameter(temperature, setpoints=(position,))
         measurement.write_period = max(period, 0.001)
-        with measurement.run() as saver:
+        # It tells on standard output that it begins, where the table goes.
+        with contextlib.redirect_stdout(sys.stderr), measurement.run() as saver:
             begin = time.perf_counter()
             for i in range(POINTS):
                 saver.add_result((position, float(i)), (temperature, 21.5))

@@ -278,6 +278,9 @@ fn main() {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let temporary = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    if let [_, folder] | [_, _, folder] = words[..] {
+        std::fs::create_dir_all(folder).unwrap();
+    }
     match words[..] {
         ["overhead"] => runtime.block_on(overhead(temporary.path())),
         ["overhead", folder] => runtime.block_on(overhead(Path::new(folder))),
