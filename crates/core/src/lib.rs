@@ -19,6 +19,6 @@ pub use instrument::{
     Sensor,
 };
 pub use record::{
-    Answer, CaptureRecord, Event, EventKind, Gap, Missing, Picture, Quantity, Reading, RunSink,
-    SessionHeader, SessionOutcome, SinkError, StepOutcome, StepRecord,
+    Answer, CaptureRecord, Event, EventKind, Gap, Look, Missing, Picture, Quantity, Reading,
+    RunSink, SessionHeader, SessionOutcome, SinkError, StepOutcome, StepRecord,
 };

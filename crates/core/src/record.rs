@@ -155,6 +155,19 @@ pub struct Answer {
     pub by: String,
 }
 
+/// One look of a closing-in (an `align` step): where the axis stood, and the dot in the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Look {
+    /// When the picture was here.
+    pub at: Stamp,
+    /// Where the axis was told to be, in its unit.
+    pub commanded: f64,
+    /// What its encoder read.
+    pub read: f64,
+    /// The dot in the picture, pixels at full size; `None` where it was not found.
+    pub dot_px: Option<[f64; 2]>,
+}
+
 /// Everything that one step acquired and how it ended: one durable transaction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepRecord {
@@ -178,6 +191,8 @@ pub struct StepRecord {
     pub missing: Vec<Missing>,
     /// What the operator said, if somebody was asked.
     pub answer: Option<Answer>,
+    /// The looks of a closing-in, in their order.
+    pub looks: Vec<Look>,
     /// What else happened: laser switched, axis moved.
     pub events: Vec<Event>,
 }

@@ -8,6 +8,7 @@ use beampose_core::{Axis, Camera, Instrument, InstrumentName, Laser, Sensor};
 use beampose_plan::{Action, Step};
 
 use crate::EngineError;
+use crate::sight::Sight;
 
 /// Instruments by name. An instrument of two abilities stands in two maps.
 #[derive(Clone, Default)]
@@ -20,6 +21,8 @@ pub struct Bench {
     pub sensors: BTreeMap<InstrumentName, Arc<dyn Sensor>>,
     /// Cameras.
     pub cameras: BTreeMap<InstrumentName, Arc<dyn Camera>>,
+    /// Who finds dots in pictures, for steps that go by them.
+    pub sight: Option<Arc<dyn Sight>>,
     /// How far from its target an axis may read after a move, in its unit; not checked where it is
     /// not said.
     pub tolerances: BTreeMap<InstrumentName, f64>,
@@ -112,6 +115,10 @@ impl Bench {
                 Action::Wait { .. } | Action::Prompt { .. } => {}
                 Action::Move { axis, .. } => {
                     self.axis(axis)?;
+                }
+                Action::Align { axis, camera, .. } => {
+                    self.axis(axis)?;
+                    self.camera(camera)?;
                 }
                 Action::Read { instruments } => {
                     instruments.iter().try_for_each(|name| self.readable(name).map(drop))?;

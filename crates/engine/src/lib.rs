@@ -10,6 +10,7 @@
 
 mod actions;
 mod bench;
+mod closing_in;
 mod control;
 mod error;
 pub mod machine;
@@ -19,6 +20,7 @@ mod real_clock;
 mod resume;
 mod runner;
 pub mod safe_state;
+mod sight;
 #[cfg(test)]
 mod tests;
 
@@ -30,3 +32,4 @@ pub use operator::{Nobody, Operator, Question};
 pub use real_clock::RealClock;
 pub use resume::{Earlier, restoration};
 pub use runner::{RunSummary, StepFailure, Surroundings, resume, run};
+pub use sight::Sight;

@@ -92,9 +92,11 @@ pub fn check_both(plan: AsRead<Plan>, rig: AsRead<Rig>) -> Result<(Plan, Rig, Su
     }
 }
 
-fn cameras_of(step: &Step) -> Option<&[beampose_core::InstrumentName]> {
+/// The cameras whose pictures a step leaves.
+pub(crate) fn cameras_of(step: &Step) -> Option<&[beampose_core::InstrumentName]> {
     match &step.action {
         Action::Capture { cameras, .. } => Some(cameras),
+        Action::Align { camera, .. } => Some(std::slice::from_ref(camera)),
         _ => None,
     }
 }

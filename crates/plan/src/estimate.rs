@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use beampose_core::units::Second;
 
-use crate::step::{Action, Step};
+use crate::step::Step;
 
 /// What steps took in earlier sessions on one rig.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -152,10 +152,8 @@ impl<'a> Known<'a> {
     fn bytes(&self, steps: &[Step]) -> Option<f64> {
         let mut bytes = 0.0;
         for step in steps {
-            if let Action::Capture { cameras, .. } = &step.action {
-                for camera in cameras {
-                    bytes += self.cameras.get(camera.as_str())?.mean();
-                }
+            for camera in crate::check::cameras_of(step).unwrap_or_default() {
+                bytes += self.cameras.get(camera.as_str())?.mean();
             }
         }
         Some(bytes)
@@ -164,7 +162,8 @@ impl<'a> Known<'a> {
 
 /// A label without the loops around it: `pass 2, rail_mm 300, wait 1 s` is `wait 1 s`.
 fn action_of(label: &str) -> &str {
-    const VERBS: [&str; 6] = ["wait ", "move ", "read ", "capture ", "ask for ", "laser "];
+    const VERBS: [&str; 7] =
+        ["wait ", "move ", "read ", "capture ", "align ", "ask for ", "laser "];
     let starts = label.match_indices(", ").map(|(at, _)| at + 2).chain([0]);
     let is_action = |at: &usize| VERBS.iter().any(|verb| label[*at..].starts_with(verb));
     starts.filter(is_action).min().map_or(label, |at| &label[at..])
@@ -174,7 +173,7 @@ fn action_of(label: &str) -> &str {
 /// says, and a move depends on the way.
 fn alike(label: &str) -> Option<&'static str> {
     let action = action_of(label);
-    ["capture ", "ask for "].into_iter().find(|verb| action.starts_with(verb))
+    ["capture ", "align ", "ask for "].into_iter().find(|verb| action.starts_with(verb))
 }
 
 #[cfg(test)]

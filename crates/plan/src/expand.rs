@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use beampose_core::instrument::AxisUnit;
 use beampose_core::units::Second;
 use beampose_core::{CaptureId, InstrumentName, StepNumber};
 
@@ -12,7 +13,7 @@ use crate::fault::{At, Fault, Faults, Mark};
 use crate::plan::{Plan, PlanStep, PlanStepKind, Switch, axis_key};
 use crate::policy::{Policy, Remedy, Rules};
 use crate::quantity::AxisPosition;
-use crate::rig::{Instrument, Rig};
+use crate::rig::{FanTurns, Instrument, Rig};
 use crate::step::{Action, Section, Step};
 use crate::suggest;
 use crate::timing::{AxisFacts, Timing};
@@ -144,6 +145,9 @@ impl<'a> Expander<'a> {
             PlanStepKind::Move { axis, target } => self.move_axis(axis, target),
             PlanStepKind::Read(names) => self.read(names),
             PlanStepKind::Capture(names) => self.capture(step.mark, names.as_deref()),
+            PlanStepKind::Align { dot, tolerance_px, moves } => {
+                self.align(step.mark, *dot, *tolerance_px, *moves);
+            }
             PlanStepKind::Prompt { name, text, asks, default, deadline } => {
                 let (name, text) = (name.clone(), text.clone());
                 let (asks, default) = (asks.clone(), default.clone());
@@ -287,13 +291,49 @@ impl<'a> Expander<'a> {
             let message = format!("the rig {} has no camera", self.rig.source.name());
             self.complain(mark, message, None);
         }
+        self.warn_if_dark(mark, "a capture while the laser is off");
+        let id = self.next_capture();
+        self.emit(Action::Capture { id, cameras });
+    }
+
+    fn align(&mut self, mark: Mark, dot: [i32; 2], tolerance_px: f64, moves: u32) {
+        let Some(goniometer) = &self.rig.measurement.goniometer else {
+            let message = format!("the rig {} has no goniometer", self.rig.source.name());
+            let help = "it is written in `measurement: {goniometer: ...}`".to_owned();
+            self.complain(mark, message, Some(help));
+            return;
+        };
+        self.warn_if_dark(mark, "a closing-in while the laser is off");
+        let id = self.next_capture();
+        self.emit(Action::Align {
+            id,
+            axis: goniometer.axis.value.clone(),
+            unit: AxisUnit::Degree,
+            camera: goniometer.camera.value.clone(),
+            dot,
+            target_px: goniometer.target.map(|x| x.0),
+            tolerance_px,
+            moves,
+            px_per_unit: goniometer.px_per_degree.map(|x| x.0),
+            zero: goniometer.zero.0,
+            within: goniometer.within.0,
+            sense: match goniometer.turns {
+                FanTurns::Left => 1.0,
+                FanTurns::Right => -1.0,
+            },
+        });
+    }
+
+    fn warn_if_dark(&mut self, mark: Mark, message: &str) {
         if self.lit.is_empty() && self.complained.insert(mark) {
-            let message = "a capture while the laser is off";
             self.warnings.push(self.plan.source.warning(mark, message));
         }
+    }
+
+    fn next_capture(&mut self) -> CaptureId {
         let id = CaptureId(format!("p{:03}", self.captures));
         self.captures += 1;
-        self.emit(Action::Capture { id, cameras });
+        id
     }
 
     fn named(&mut self, names: &[At<InstrumentName>], kinds: &[&str]) -> Vec<InstrumentName> {

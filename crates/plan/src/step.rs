@@ -54,6 +54,34 @@ pub enum Action {
         /// Which ones.
         instruments: Vec<InstrumentName>,
     },
+    /// Turns an axis until a dot stands at a pixel of a camera's picture, and reads the encoder
+    /// there. Pixels are those of the camera's full size.
+    Align {
+        /// What the last picture is called within the session.
+        id: CaptureId,
+        /// Which axis.
+        axis: InstrumentName,
+        /// Its unit.
+        unit: AxisUnit,
+        /// Which camera.
+        camera: InstrumentName,
+        /// The dot by its beam: columns to the right and rows down from the zero order.
+        dot: [i32; 2],
+        /// Where it is to stand.
+        target_px: [f64; 2],
+        /// How far off it may stand, along the way that the axis moves it.
+        tolerance_px: f64,
+        /// After so many moves it is given up.
+        moves: u32,
+        /// Roughly how far a dot moves in the picture for each unit of the axis.
+        px_per_unit: [f64; 2],
+        /// Roughly where the axis stands when the zero order is at the pixel.
+        zero: f64,
+        /// How roughly.
+        within: f64,
+        /// The axis' way for a beam one degree further to the right: 1 or -1 degrees.
+        sense: f64,
+    },
     /// Asks the operator.
     Prompt {
         /// What the answer is called.
@@ -83,6 +111,7 @@ impl Action {
             Self::Wait { .. } => "wait",
             Self::Move { .. } => "move",
             Self::Read { .. } => "read",
+            Self::Align { .. } => "align",
             Self::Prompt { .. } => "prompt",
             Self::Capture { .. } => "capture",
         }
@@ -132,6 +161,9 @@ impl fmt::Display for Action {
                 write!(f, "move {axis} to {target} {unit}")
             }
             Self::Read { instruments } => write!(f, "read {}", names(instruments)),
+            Self::Align { axis, camera, dot: [m, n], .. } => {
+                write!(f, "align beam {m} {n} in {camera} with {axis}")
+            }
             Self::Prompt { name, .. } => write!(f, "ask for {name}"),
             Self::Capture { id, cameras } => write!(f, "capture {id} with {}", names(cameras)),
         }

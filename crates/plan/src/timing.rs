@@ -16,6 +16,8 @@ use crate::step::Action;
 const GRACE: f64 = 10.0;
 /// Pictures come over slow lines.
 const PICTURE_GRACE: f64 = 30.0;
+/// Moves of a closing-in that goes well.
+const USUAL_MOVES: f64 = 4.0;
 /// Where the rig says nothing: a query and its answer.
 const ANSWER: f64 = 0.1;
 /// An answer of a person.
@@ -115,6 +117,15 @@ impl<'a> Timing<'a> {
             Action::Wait { duration } => (duration.0, GRACE),
             Action::Read { instruments } => {
                 (instruments.iter().map(|name| self.answer(name)).sum(), GRACE)
+            }
+            Action::Align { axis, camera, moves, .. } => {
+                let facts = self.axis(axis);
+                let settle = facts.map_or(0.0, |facts| facts.settle);
+                let whole_way = facts.map_or(0.0, |facts| (facts.to - facts.from) / facts.speed);
+                let look = settle + ANSWER + self.picture(camera);
+                // Most closings-in need four; the deadline is for all that it may take.
+                let deadline = 2.0 * (f64::from(*moves) * look + whole_way) + PICTURE_GRACE;
+                return (tidy(USUAL_MOVES * look), tidy(deadline));
             }
             // A person walks over and does something.
             Action::Prompt { .. } => (PERSON, DAY),

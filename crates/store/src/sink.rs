@@ -2,8 +2,9 @@
 
 use async_trait::async_trait;
 use beampose_core::{
-    Answer, CaptureRecord, Event, Gap, InstrumentName, Missing, Reading, RunSink, SessionHeader,
-    SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome, StepRecord,
+    Answer, CaptureRecord, Event, Gap, InstrumentName, Look, Missing, Reading, RunSink,
+    SessionHeader, SessionId, SessionOutcome, SinkError, Stamp, StepNumber, StepOutcome,
+    StepRecord,
 };
 
 use crate::batch::Batch;
@@ -97,6 +98,9 @@ impl Store {
         }
         for missing in &record.missing {
             rows.missing(record.number, missing);
+        }
+        for look in &record.looks {
+            rows.look(record.number, look);
         }
         if let Some(answer) = &record.answer {
             rows.answer(record.number, answer);
@@ -232,6 +236,22 @@ impl Rows<'_> {
             .bind(step.0)
             .bind(missing.instrument.as_str())
             .bind(missing.reason.as_str());
+    }
+
+    fn look(&mut self, step: StepNumber, look: &Look) {
+        self.batch
+            .statement(
+                "INSERT INTO looks (session, step, commanded, read, dot_x_px, dot_y_px, at_utc, at_s)
+                 VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            )
+            .bind(self.session.as_str())
+            .bind(step.0)
+            .bind(look.commanded)
+            .bind(look.read)
+            .bind(look.dot_px.map(|dot| dot[0]))
+            .bind(look.dot_px.map(|dot| dot[1]))
+            .bind(look.at.utc.to_string())
+            .bind(look.at.monotonic.as_secs_f64());
     }
 
     fn answer(&mut self, step: StepNumber, answer: &Answer) {

@@ -151,6 +151,7 @@ fn step(
         }),
         missing: Vec::new(),
         answer: None,
+        looks: Vec::new(),
         events: Vec::new(),
     })
 }

@@ -52,6 +52,7 @@ async fn step(from: &Store, id: SessionId, capture: &StoredCapture) -> StepRecor
         }),
         missing: Vec::new(),
         answer: None,
+        looks: Vec::new(),
         events: Vec::new(),
     }
 }

@@ -95,7 +95,7 @@ impl Doing<'_, '_> {
         pictures
     }
 
-    fn capture_record(&self, id: &CaptureId, pictures: Vec<Picture>) -> CaptureRecord {
+    pub(super) fn capture_record(&self, id: &CaptureId, pictures: Vec<Picture>) -> CaptureRecord {
         let mut setpoints = self.step.context.clone();
         setpoints.extend(self.situation.setpoints.clone());
         let mut readings = self.situation.sensed.clone();
@@ -115,7 +115,7 @@ fn skew(pictures: &[Picture]) -> Duration {
 
 /// Whether a JPEG or PNG lacks its end. While the module still stands there, the picture can be
 /// taken again.
-fn is_cut_off(bytes: &[u8]) -> bool {
+pub(super) fn is_cut_off(bytes: &[u8]) -> bool {
     const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
     const END_CHUNK: &[u8; 4] = b"IEND";
     // Some cameras fill up their last block.
@@ -126,7 +126,7 @@ fn is_cut_off(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x89PNG") && !tail.windows(4).any(|four| four == END_CHUNK)
 }
 
-fn picture(camera: &InstrumentName, frame: Frame) -> Picture {
+pub(super) fn picture(camera: &InstrumentName, frame: Frame) -> Picture {
     Picture {
         camera: camera.clone(),
         bytes: frame.bytes,

@@ -26,6 +26,8 @@ pub(crate) enum Fault {
     Several(Vec<Fault>),
     #[error("the cameras were triggered {skew:?} apart, more than {limit:?}, {times} times")]
     Skew { skew: Duration, limit: Duration, times: u32 },
+    #[error("{0}")]
+    Align(String),
     #[error("not done within {0:?}")]
     Deadline(Duration),
     #[error("the block that this step is in was not done within {0:?}")]

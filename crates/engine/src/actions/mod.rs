@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::future::Future;
 use std::time::Duration;
 
+mod align;
 mod capture;
 mod fault;
 mod person;
@@ -13,8 +14,8 @@ mod person;
 use beampose_core::clock::{Clock, within};
 use beampose_core::instrument::AxisUnit;
 use beampose_core::{
-    Answer, CaptureRecord, Emission, Event, EventKind, InstrumentError, InstrumentName, Quantity,
-    Reading,
+    Answer, CaptureRecord, Emission, Event, EventKind, InstrumentError, InstrumentName, Look,
+    Quantity, Reading,
 };
 use beampose_plan::{Action, Step};
 
@@ -44,6 +45,8 @@ pub(crate) struct Situation {
     pub(crate) last: BTreeMap<InstrumentName, f64>,
     /// What the operator answered.
     pub(crate) answers: BTreeMap<String, String>,
+    /// Which dot each axis brought to its pixel last, and what its encoder read there.
+    pub(crate) aligned: BTreeMap<InstrumentName, ([i32; 2], f64)>,
 }
 
 impl Situation {
@@ -54,6 +57,9 @@ impl Situation {
         }
         for (name, reading) in readings {
             self.have_read(name, reading);
+        }
+        if let (Action::Align { axis, dot, .. }, [(_, reading)]) = (&step.action, readings) {
+            self.aligned.insert(axis.clone(), (*dot, reading.value));
         }
     }
 
@@ -117,6 +123,7 @@ pub(crate) struct Acquired {
     pub(crate) readings: Vec<(InstrumentName, Reading)>,
     pub(crate) capture: Option<CaptureRecord>,
     pub(crate) answer: Option<Answer>,
+    pub(crate) looks: Vec<Look>,
 }
 
 /// One step under way.
@@ -149,6 +156,7 @@ impl Doing<'_, '_> {
                 self.prompt(name, text, asks, default.as_deref()).await
             }
             Action::Capture { id, cameras } => self.capture(id, cameras).await,
+            Action::Align { .. } => self.align().await,
         }
     }
 

@@ -74,7 +74,7 @@ impl Runner<'_> {
                 (StepOutcome::Failed { reason }, Input::StepInterrupted(wish))
             }
         };
-        let Acquired { readings, capture, answer } = acquired;
+        let Acquired { readings, capture, answer, looks } = acquired;
         let (label, kind) = (step.to_string(), step.action.kind().to_owned());
         let (number, finished, events) = (step.number, clock.now(), Vec::new());
         self.pending = Some(StepRecord {
@@ -88,6 +88,7 @@ impl Runner<'_> {
             capture,
             missing,
             answer,
+            looks,
             events,
         });
         input
@@ -343,6 +344,10 @@ impl Runner<'_> {
 fn can_be_interrupted(step: &Step) -> bool {
     matches!(
         step.action,
-        Action::Wait { .. } | Action::Move { .. } | Action::LaserOn { .. } | Action::Prompt { .. }
+        Action::Wait { .. }
+            | Action::Move { .. }
+            | Action::Align { .. }
+            | Action::LaserOn { .. }
+            | Action::Prompt { .. }
     )
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::policy::{ConditionFile, OnErrorFile, PromptFile, StepEntry};
 use crate::fault::At;
-use crate::quantity::AxisPosition;
+use crate::quantity::{AxisPosition, Pixel};
 use crate::reader::{Maybe, Needed, Parameters, Read, Reader, fraction, positive};
 use crate::tree::{Node, Value};
 
@@ -76,6 +76,9 @@ choice! {
         "read" => Read(Vec<At<InstrumentName>>),
         /// Triggers cameras together.
         "capture" => Capture(CaptureFile),
+        /// Turns the rig's goniometer until one dot after another stands at its reference pixel, and
+        /// reads the encoder there.
+        "align" => Align(AlignFile),
         /// Asks the operator.
         "prompt" => Prompt(PromptFile),
         /// Does the steps inside: what stands beside it holds for all of them.
@@ -127,6 +130,20 @@ record! {
     pub struct CaptureFile {
         /// `all` cameras of the rig, or a list of names.
         cameras: CamerasFile,
+    }
+}
+
+record! {
+    /// A closing-in for each of some dots, one after another.
+    pub struct AlignFile {
+        /// The dots by their beams, `[columns to the right, rows down]`, from the zero order as the
+        /// module sees it. All in its row, or all in its column with the module rolled.
+        dots: Needed<At<Vec<At<[f64; 2]>>>>,
+        /// How far from the reference pixel, along the way that the axis moves it, a dot may stand;
+        /// without it 0.05 px.
+        tolerance: Option<At<Pixel>>,
+        /// After so many moves it is given up; without it 12.
+        moves: Option<At<u32>>,
     }
 }
 

@@ -164,6 +164,15 @@ pub enum PlanStepKind {
     },
     /// Does steps, for what holds for all of them.
     Block(Vec<PlanStep>),
+    /// Turns the goniometer until a dot stands at its reference pixel.
+    Align {
+        /// Its beam: columns to the right and rows down from the zero order.
+        dot: [i32; 2],
+        /// How far off it may stand, pixels.
+        tolerance_px: f64,
+        /// After so many moves it is given up.
+        moves: u32,
+    },
     /// Triggers cameras; without names all of the rig.
     Capture(Option<Vec<At<InstrumentName>>>),
     /// Does steps several times.

@@ -8,7 +8,8 @@ use beampose_core::InstrumentName;
 use beampose_core::instrument::AxisUnit;
 
 use super::file::{
-    AcceptFile, AnalyseFile, CamerasFile, LaserFile, PlanFile, RepeatFile, StepFile, SweepFile,
+    AcceptFile, AlignFile, AnalyseFile, CamerasFile, LaserFile, PlanFile, RepeatFile, StepFile,
+    SweepFile,
 };
 use super::policy::StepEntry;
 use super::{
@@ -18,6 +19,13 @@ use crate::fault::{At, Mark};
 use crate::policy::Asks;
 use crate::reader::{Needed, Reader, is_name};
 use crate::suggest;
+
+/// How far off a dot may stand where the plan says nothing.
+const ALIGN_TOLERANCE_PX: f64 = 0.05;
+/// How many moves a closing-in may take where the plan says nothing.
+const ALIGN_MOVES: u32 = 12;
+/// No grating has more orders to a side.
+const MAX_ORDER: f64 = 100.0;
 
 /// The plan, or `None` where a part of it is missing; faults are noted.
 pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
@@ -111,6 +119,9 @@ impl Scope {
                     CamerasFile::Named(names) => Some(distinct(names, reader)),
                 }))
             }
+            StepFile::Align(align) => {
+                self.align(align, step.mark, reader).into_iter().flat_map(one).collect()
+            }
             StepFile::Prompt(prompt) => {
                 self.prompt(prompt, reader).into_iter().flat_map(one).collect()
             }
@@ -122,6 +133,30 @@ impl Scope {
                 self.sweep(sweep, step.mark, reader).into_iter().flat_map(one).collect()
             }
         }
+    }
+
+    /// One step for each dot.
+    fn align(&mut self, align: &AlignFile, mark: Mark, reader: &mut Reader) -> Vec<PlanStepKind> {
+        let tolerance = align.tolerance.as_ref();
+        if let Some(tolerance) = tolerance.filter(|it| it.value.0 <= 0.0) {
+            reader.fault(tolerance.mark, "`tolerance` must be above zero");
+        }
+        // The first approaches, the second comes near: with fewer nothing can be closed in on.
+        if let Some(moves) = align.moves.as_ref().filter(|moves| moves.value < 2) {
+            let message = format!("`moves` must be at least 2, found `{}`", moves.value);
+            reader.fault(moves.mark, message);
+        }
+        let tolerance_px = tolerance.map_or(ALIGN_TOLERANCE_PX, |it| it.value.0);
+        let moves = align.moves.as_ref().map_or(ALIGN_MOVES, |moves| moves.value);
+        let dots = align.dots.0.as_ref().map(|dots| dots.value.as_slice()).unwrap_or_default();
+        let dots: Vec<[i32; 2]> = dots.iter().filter_map(|dot| beam(dot, reader)).collect();
+        if dots.iter().any(|dot| dot[0] != 0) && dots.iter().any(|dot| dot[1] != 0) {
+            let help = "roll the module between two `align` steps".to_owned();
+            let message = "an axis brings the dots of a row, or those of a column".to_owned();
+            reader.fault_help(mark, message, Some(help));
+        }
+        self.captures += dots.len();
+        dots.into_iter().map(|dot| PlanStepKind::Align { dot, tolerance_px, moves }).collect()
     }
 
     fn repeat(&mut self, repeat: &RepeatFile, reader: &mut Reader) -> Option<PlanStepKind> {
@@ -172,6 +207,20 @@ impl Scope {
     }
 }
 
+/// A beam of the zero order's row or column.
+fn beam(dot: &At<[f64; 2]>, reader: &mut Reader) -> Option<[i32; 2]> {
+    let is_order = |order: &f64| order.fract() == 0.0 && order.abs() <= MAX_ORDER;
+    let [column, row] = dot.value;
+    if !dot.value.iter().all(is_order) || (column != 0.0 && row != 0.0) {
+        let help = "as in `[3, 0]`: 3 columns to the right of the zero order".to_owned();
+        let message =
+            format!("expected a beam of the zero order's row or column, found {column}, {row}");
+        reader.fault_help(dot.mark, message, Some(help));
+        return None;
+    }
+    Some(dot.value.map(|order| order as i32))
+}
+
 /// The key of an axis in setpoints, as `rail_mm`.
 pub(crate) fn axis_key(axis: &InstrumentName, unit: AxisUnit) -> String {
     let suffix = match unit {
@@ -207,7 +256,7 @@ fn distinct(names: &[At<InstrumentName>], reader: &mut Reader) -> Vec<At<Instrum
 fn refuse_captures(finally: &[PlanStep], reader: &mut Reader) {
     for step in finally {
         match &step.kind {
-            PlanStepKind::Capture(_) => {
+            PlanStepKind::Capture(_) | PlanStepKind::Align { .. } => {
                 let help = "`finally` also runs after a failure, when nothing can be said of what \
                             the pictures show"
                     .to_owned();

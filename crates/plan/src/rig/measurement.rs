@@ -1,8 +1,10 @@
 //! What the measurement is told: pattern, artefact, tie targets, prior.
 
+use beampose_core::InstrumentName;
 use beampose_core::units::{Degree, Millimetre};
 
 use crate::fault::At;
+use crate::quantity::Pixel;
 use crate::reader::{not_negative, positive};
 
 record! {
@@ -10,12 +12,55 @@ record! {
     pub struct Measurement {
         /// The fan of beams: a pattern file, relative to the rig's.
         pattern: At<String>,
-        /// The artefact: it defines the world frame.
-        artefact: Artefact,
+        /// The artefact: it defines the world frame. A rig that finds no pose needs none.
+        artefact: Option<Artefact>,
         /// Coded targets of unknown place: any code that is not the artefact's.
         tie_targets: Option<TieTargets>,
         /// Roughly how the module is turned.
         module_prior: Option<ModulePrior>,
+        /// The module turned before a far plane, where its angles are measured.
+        goniometer: Option<Goniometer>,
+    }
+}
+
+record! {
+    /// A rotary axis that carries the module, a far plane, and a camera that sees a part of it.
+    pub struct Goniometer {
+        /// The axis.
+        axis: At<InstrumentName>,
+        /// The camera.
+        camera: At<InstrumentName>,
+        /// The reference pixel, at the camera's full size: dots are brought there.
+        target: [Pixel; 2],
+        /// Roughly how far a dot moves in the picture when the axis turns by a degree; each
+        /// closing-in measures it.
+        px_per_degree: [Pixel; 2],
+        /// Whereto the fan turns when the axis counts up, as the module sees it.
+        turns: FanTurns,
+        /// Roughly where the axis stands when the zero order is at the reference pixel.
+        zero: Degree,
+        /// How roughly; less than half the angle between neighbours.
+        within: Degree => positive,
+        /// From the axis to the plane along the beam, mirrors unfolded.
+        distance: Millimetre => positive,
+        /// Standard uncertainty of that.
+        distance_u: Millimetre => not_negative,
+        /// Standard uncertainty of where the grating stands off the axis: across the beam, along it,
+        /// along the axis.
+        misalignment_u: [Millimetre; 3],
+        /// Standard uncertainty of the place of a dot on the plane: along the way that the axis
+        /// moves it, and across.
+        dot_u: [Millimetre; 2],
+    }
+}
+
+words! {
+    /// A way to turn.
+    pub enum FanTurns ("`left` or `right`") {
+        /// To the left: the axis counts up to bring beams further to the right.
+        "left" => Left,
+        /// To the right: the axis counts down to bring beams further to the right.
+        "right" => Right,
     }
 }
 

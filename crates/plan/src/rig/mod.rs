@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use beampose_core::InstrumentName;
 
 pub use instruments::{Instrument, SIMULATED};
-pub use measurement::Measurement;
+pub use measurement::{FanTurns, Goniometer, Measurement};
 pub use simulation::{FaultKind, SimulatedFault, Simulation};
 
 use crate::fault::{AsRead, At, Faults, Source};

@@ -101,8 +101,8 @@ record! {
 record! {
     /// How the module is carried.
     pub struct SimulatedModule {
-        /// The linear axis that carries it.
-        axis: At<InstrumentName>,
+        /// The linear axis that carries it, if one does.
+        axis: Option<At<InstrumentName>>,
         /// Where it is in the world when the axis is at zero.
         origin: [Millimetre; 3],
         /// Which way it moves in the world when the axis counts up; of any length.

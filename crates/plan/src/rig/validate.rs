@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use beampose_core::InstrumentName;
 
 use super::instruments::{Instrument, Sensor};
-use super::measurement::Measurement;
+use super::measurement::{Goniometer, Measurement};
 use super::simulation::{FaultKind, SimulatedModule, Simulation};
 use super::{ClockKind, RIG_VERSION, Rig, RigFile, SIMULATED};
 use crate::fault::{At, Mark};
@@ -33,6 +33,9 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     let mut codes = BTreeMap::new();
     if let Some(measurement) = &file.measurement.0 {
         artefact(measurement, &mut codes, reader);
+        if let Some(goniometer) = &measurement.goniometer {
+            goniometer_of(goniometer, &instruments.value, reader);
+        }
     }
     if let Maybe::Given(simulation) = &file.simulation {
         simulated_world(&simulation.value, &instruments.value, reader);
@@ -98,7 +101,8 @@ fn virtual_time_needs_simulation(
 }
 
 fn artefact(measurement: &Measurement, codes: &mut BTreeMap<u16, u32>, reader: &mut Reader) {
-    let targets = &measurement.artefact.targets;
+    let Some(artefact) = &measurement.artefact else { return };
+    let targets = &artefact.targets;
     // Targets that hold a fault are left out: then nothing can be said of their number.
     if targets.value.len() < LEAST_TARGETS && reader.faults.is_empty() {
         let found = targets.value.len();
@@ -202,7 +206,9 @@ fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &
 fn carrying_axis(module: &SimulatedModule, instruments: &Instruments, reader: &mut Reader) {
     let is_linear = |at: &At<Instrument>| matches!(at.value, Instrument::LinearAxis(_));
     let is_rotary = |at: &At<Instrument>| matches!(at.value, Instrument::RotaryAxis(_));
-    named_axis(&module.axis, "linear", &is_linear, instruments, reader);
+    if let Some(axis) = &module.axis {
+        named_axis(axis, "linear", &is_linear, instruments, reader);
+    }
     if let Some(turntable) = &module.turntable {
         named_axis(&turntable.axis, "rotary", &is_rotary, instruments, reader);
     }
@@ -220,6 +226,22 @@ fn named_axis(
         let axes = instruments.iter().filter(|(_, at)| is_axis(at)).map(|(name, _)| name.as_str());
         let help = suggest::help(name, axes);
         reader.fault_help(axis.mark, format!("no {kind} axis `{name}`"), help);
+    }
+}
+
+fn goniometer_of(goniometer: &Goniometer, instruments: &Instruments, reader: &mut Reader) {
+    let is_rotary = |at: &At<Instrument>| matches!(at.value, Instrument::RotaryAxis(_));
+    let is_camera = |at: &At<Instrument>| matches!(at.value, Instrument::Camera(_));
+    named_axis(&goniometer.axis, "rotary", &is_rotary, instruments, reader);
+    let (name, mark) = (goniometer.camera.value.as_str(), goniometer.camera.mark);
+    if !name.is_empty() && !instruments.get(name).is_some_and(is_camera) {
+        let cameras = instruments.iter().filter(|(_, at)| is_camera(at)).map(|(n, _)| n.as_str());
+        let help = suggest::help(name, cameras);
+        reader.fault_help(mark, format!("no camera `{name}`"), help);
+    }
+    let [x, y] = goniometer.px_per_degree;
+    if x.0 == 0.0 && y.0 == 0.0 {
+        reader.fault(goniometer.axis.mark, "`px_per_degree` must not be zero");
     }
 }
 

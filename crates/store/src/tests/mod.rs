@@ -82,6 +82,7 @@ fn step(number: u32, capture: &str, pictures: Vec<Picture>) -> StepRecord {
         }),
         missing: Vec::new(),
         answer: None,
+        looks: Vec::new(),
         events: vec![event(EventKind::LaserOn, "laser on (step 1)")],
     }
 }
