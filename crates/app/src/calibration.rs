@@ -7,7 +7,8 @@ use beampose_core::Quantity;
 use beampose_photogrammetry::camera::read_camera_info;
 use beampose_photogrammetry::pattern::read_pattern_with;
 use beampose_photogrammetry::{
-    Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Setup, TieTargets,
+    Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Pattern, Setup,
+    TieTargets,
 };
 use beampose_plan::Rig;
 use beampose_plan::rig::instruments::Camera;
@@ -29,24 +30,17 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
         cameras.insert(name.as_str().to_owned(), calibrated(camera, folder)?);
     }
     let m = &rig.measurement;
-    let text = referred(folder, &m.pattern.value, "pattern")?;
-    let path = folder.join(&m.pattern.value);
-    let beside = path.parent().unwrap_or(folder);
-    let pattern = read_pattern_with(&text, |file, size| {
-        beams::parse(file, &referred(beside, file, "table of beams")?, size)
-    })
-    .map_err(|error| format!("{}: {error}", path.display()))?;
+    let pattern = pattern(&m.pattern.value, folder)?;
     let wavelength_u_nm = rig
         .sensors()
         .filter(|(_, s)| s.reads == Quantity::Wavelength)
         .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
         .unwrap_or(WAVELENGTH_U_NM);
+    let artefact = m.artefact.as_ref();
     let artefact = Artefact {
-        targets: m
-            .artefact
-            .targets
-            .value
+        targets: artefact
             .iter()
+            .flat_map(|artefact| &artefact.targets.value)
             .map(|t| ArtefactTarget {
                 code: t.value.code.value,
                 xyz_mm: t.value.xyz.map(|x| x.0),
@@ -54,7 +48,7 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
                 radius_mm: t.value.radius.0,
             })
             .collect(),
-        scale_relative_u: m.artefact.scale_relative_u,
+        scale_relative_u: artefact.map_or(0.0, |artefact| artefact.scale_relative_u),
     };
     Ok(Setup {
         cameras,
@@ -67,6 +61,27 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
         }),
         wavelength_u_nm,
     })
+}
+
+/// A pattern that a rig refers to.
+fn pattern(file: &str, folder: &Path) -> Result<Pattern, String> {
+    let text = referred(folder, file, "pattern")?;
+    let path = folder.join(file);
+    let beside = path.parent().unwrap_or(folder);
+    let table =
+        |file: &str, size| beams::parse(file, &referred(beside, file, "table of beams")?, size);
+    read_pattern_with(&text, table).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// The fan of the simulated module, where it is not the one that solving is told; for the simulated
+/// world alone.
+///
+/// # Errors
+/// Which file is at fault and why, for people.
+pub fn simulated_fan(rig: &Rig, folder: &Path) -> Result<Option<Pattern>, String> {
+    let module = rig.simulation.as_ref().map(|simulation| &simulation.module);
+    let file = module.and_then(|module| module.pattern.as_ref());
+    file.map(|file| pattern(&file.value, folder)).transpose()
 }
 
 fn calibrated(camera: &Camera, folder: &Path) -> Result<CalibratedCamera, String> {

@@ -30,6 +30,7 @@ use crate::session_lock::SessionLock;
 use crate::session_report::{input, load, method_of, prepare, write};
 use crate::truth;
 use crate::wiring::Laboratory;
+use crate::wiring::person::WithPerson;
 
 /// A session about to run.
 pub struct Session {
@@ -171,6 +172,7 @@ impl Session {
         });
 
         let desk = Desk::new(self.answers.clone(), &control);
+        let desk = WithPerson::new(&desk, &self.checked.rig, &self.laboratory);
         let ended = self.engine(&store, observers, &control, &desk).await;
         // From here on nothing is driven any more.
         drop(rig_lock);
@@ -216,7 +218,7 @@ impl Session {
         store: &Arc<Store>,
         observers: Observers,
         control: &Control,
-        desk: &Desk,
+        desk: &WithPerson<'_>,
     ) -> Result<RunSummary, EngineError> {
         let clock = self.laboratory.run_clock();
         let sink: &dyn RunSink = &**store;

@@ -182,7 +182,7 @@ mod tests {
 
     use super::*;
     use crate::policy::Policy;
-    use crate::step::Section;
+    use crate::step::{Action, Section};
 
     fn step(number: u32, pass: f64, action: Action, expected: f64) -> Step {
         Step {

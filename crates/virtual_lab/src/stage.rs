@@ -6,6 +6,7 @@ use beampose_photogrammetry::rotation::from_omega_phi_kappa;
 
 use crate::config::{ModuleConfig, RailConfig, RotationConfig, StageConfig};
 use crate::geometry::plane_axes;
+use crate::truth::TrueTurntable;
 
 /// Position and attitude of the module in the world.
 pub(crate) type ModulePose = (Vector3<f64>, UnitQuaternion<f64>);
@@ -15,19 +16,29 @@ pub(crate) type RailPhases = [f64; 4];
 
 /// Where the module is, with the rail's encoder at `rail_mm` and the stage's at `rotation_deg`.
 ///
-/// The rotation stage turns the module about its axis; the rail carries both, and its small
+/// The fixture rolls the module about its viewing axis, `roll_deg` counter-clockwise as the module
+/// sees it; the rotation stage turns both about its axis; the rail carries both, and its small
 /// turning acts about the module's place at zero.
 pub(crate) fn module_pose(
     module: &ModuleConfig,
-    rotation: Option<(&RotationConfig, f64)>,
+    roll_deg: f64,
+    rotation: Option<(&RotationConfig, &TrueTurntable, f64)>,
     rail: Option<(&RailConfig, &RailPhases, f64)>,
 ) -> ModulePose {
     let home = Vector3::from(module.position_mm);
     let mut position = home;
     let mut attitude =
         from_omega_phi_kappa(module.rotation_omega_phi_kappa_deg.map(f64::to_radians));
-    if let Some((config, angle_deg)) = rotation {
-        let axis = Unit::new_normalize(Vector3::from(config.axis_direction));
+    if roll_deg != 0.0 {
+        // Module frame: x right, y down. Counter-clockwise brings y to x.
+        attitude *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -roll_deg.to_radians());
+    }
+    if let Some((config, truth, angle_deg)) = rotation {
+        position += Vector3::from(truth.offset_mm);
+        let axes = plane_axes(&Vector3::from(config.axis_direction));
+        let [about_right, about_up] = truth.tilt_deg.map(f64::to_radians);
+        let lean = Vector3::new(about_up.tan(), -about_right.tan(), 1.0);
+        let axis = Unit::new_normalize(axes * lean);
         let turn = UnitQuaternion::from_axis_angle(&axis, angle_deg.to_radians());
         let on_axis = Vector3::from(config.axis_point_mm);
         position = on_axis + turn * (position - on_axis);
@@ -61,9 +72,14 @@ fn carriage(
     (shift, tilt)
 }
 
-/// What an encoder reads at `position`, with `noise` drawn from N(0, 1).
-pub(crate) fn encoder_reading(stage: &StageConfig, position: f64, noise: f64) -> f64 {
-    let value = position + stage.noise * noise;
+/// Period of a graduation error, in the axis' unit: a few waves over a usual travel.
+const GRADUATION_PERIOD: f64 = 7.3;
+
+/// What an encoder reads at `position`, with `noise` drawn from N(0, 1) and the phase of its
+/// graduation error.
+pub(crate) fn encoder_reading(stage: &StageConfig, position: f64, phase: f64, noise: f64) -> f64 {
+    let wave = (std::f64::consts::TAU * position / GRADUATION_PERIOD + phase).sin();
+    let value = position + stage.graduation * wave + stage.noise * noise;
     if stage.resolution > 0.0 {
         // Divided by the whole number of steps a unit, so that 0.203 does not read 0.20300000000000001.
         (value / stage.resolution).round() / (1.0 / stage.resolution)
@@ -81,7 +97,7 @@ mod tests {
     fn the_rail_is_not_quite_straight_and_not_quite_to_scale() {
         let config = WorldConfig::laboratory();
         let rail = config.rail.unwrap();
-        let at = |mm| module_pose(&config.module, None, Some((&rail, &[0.0; 4], mm)));
+        let at = |mm| module_pose(&config.module, 0.0, None, Some((&rail, &[0.0; 4], mm)));
         let (start, end) = (at(0.0), at(700.0));
         assert!((end.0.z - start.0.z - 700.0 * (1.0 + 1e-5)).abs() < 1e-9);
         let quarter = at(175.0);
@@ -101,9 +117,42 @@ mod tests {
             stage: WorldConfig::laboratory().rail.unwrap().stage,
             axis_point_mm: [0.0, 0.0, 900.0],
             axis_direction: [0.0, 2.0, 0.0],
+            misalignment_u_mm: [0.0; 3],
+            tilt_u_deg: 0.0,
         };
-        let (position, attitude) = module_pose(&module, Some((&rotation, 90.0)), None);
+        let truth = TrueTurntable::default();
+        let (position, attitude) = module_pose(&module, 0.0, Some((&rotation, &truth, 90.0)), None);
         assert!((position - Vector3::new(0.0, 0.0, 800.0)).norm() < 1e-9);
         assert!((attitude * Vector3::z() + Vector3::x()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn rolled_by_a_quarter_turn_the_lower_beams_are_on_the_right() {
+        let module = ModuleConfig { position_mm: [0.0; 3], rotation_omega_phi_kappa_deg: [0.0; 3] };
+        let attitude = |roll| module_pose(&module, roll, None, None).1;
+        // The module frame's own right in the world, and where its down is once rolled.
+        let right = attitude(0.0) * Vector3::x();
+        assert!((attitude(90.0) * Vector3::y() - right).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_leaning_axis_lifts_the_module_and_the_offset_goes_round() {
+        let module = ModuleConfig { position_mm: [0.0; 3], rotation_omega_phi_kappa_deg: [0.0; 3] };
+        let rotation = RotationConfig {
+            stage: WorldConfig::laboratory().rail.unwrap().stage,
+            axis_point_mm: [0.0; 3],
+            axis_direction: [0.0, 1.0, 0.0],
+            misalignment_u_mm: [1.0; 3],
+            tilt_u_deg: 1.0,
+        };
+        let offset = TrueTurntable { offset_mm: [1.0, 0.0, 0.0], ..TrueTurntable::default() };
+        let (position, _) = module_pose(&module, 0.0, Some((&rotation, &offset, 90.0)), None);
+        assert!((position - Vector3::new(0.0, 0.0, -1.0)).norm() < 1e-12, "{position}");
+        let leaning = TrueTurntable { tilt_deg: [1.0, 0.0], ..TrueTurntable::default() };
+        let (_, attitude) = module_pose(&module, 0.0, Some((&rotation, &leaning, 180.0)), None);
+        let (_, plain) =
+            module_pose(&module, 0.0, Some((&rotation, &TrueTurntable::default(), 180.0)), None);
+        let lean = attitude.angle_to(&plain).to_degrees();
+        assert!((lean - 2.0).abs() < 1e-9, "{lean}");
     }
 }

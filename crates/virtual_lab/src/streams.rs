@@ -16,6 +16,7 @@ pub(crate) enum Purpose {
     Common = 5,
     Wavemeter = 6,
     Rail = 7,
+    Turntable = 8,
     PixelNoise = 16,
     Speckle = 17,
     RailEncoder = 32,

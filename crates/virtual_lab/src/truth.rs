@@ -28,8 +28,23 @@ pub struct TrueParameters {
     pub pattern_common_error: f64,
     /// What the wavelength meter reads too much, nm.
     pub wavemeter_bias_nm: f64,
+    /// How the rotation stage stands; as declared in sessions from before there was such a thing.
+    #[serde(default)]
+    pub turntable: TrueTurntable,
     /// Phases of the rail's straightness (two) and turning (two) at encoder 0, radians.
     pub rail_phases_rad: [f64; 4],
+}
+
+/// A rotation stage as it really is, beyond what is declared.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrueTurntable {
+    /// Where the module stands off its declared place, world, mm.
+    pub offset_mm: [f64; 3],
+    /// How far the axis leans about two directions across it, degrees.
+    pub tilt_deg: [f64; 2],
+    /// Phase of the encoder's graduation error at 0, radians.
+    pub graduation_phase_rad: f64,
 }
 
 /// A camera as it really is.
@@ -106,7 +121,18 @@ pub(crate) fn draw(config: &WorldConfig, streams: &Streams) -> TrueParameters {
         pattern: pattern(&config.pattern, streams, size),
         pattern_common_error: one(Purpose::Common, config.pattern.u.common_relative),
         wavemeter_bias_nm: one(Purpose::Wavemeter, config.wavemeter.bias_u_nm),
+        turntable: turntable(config, streams, size),
         rail_phases_rad: rail_phases(streams, size),
+    }
+}
+
+fn turntable(config: &WorldConfig, streams: &Streams, size: f64) -> TrueTurntable {
+    let Some(rotation) = &config.rotation else { return TrueTurntable::default() };
+    let mut rng = streams.item(Purpose::Turntable, 0);
+    TrueTurntable {
+        offset_mm: rotation.misalignment_u_mm.map(|u| size * u * normal(&mut rng)),
+        tilt_deg: std::array::from_fn(|_| size * rotation.tilt_u_deg * normal(&mut rng)),
+        graduation_phase_rad: size * rng.random_range(0.0..std::f64::consts::TAU),
     }
 }
 

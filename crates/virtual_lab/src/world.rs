@@ -80,6 +80,8 @@ pub struct History {
     pub temperature_reads: u64,
     /// Pictures of each camera.
     pub triggers: BTreeMap<String, u64>,
+    /// How far the fixture was rolled, degrees.
+    pub roll_deg: f64,
 }
 
 /// What an earlier run did with a stage.
@@ -106,6 +108,14 @@ pub(crate) struct Live {
     pub(crate) rail: Motion,
     pub(crate) rotation: Motion,
     pub(crate) switches: Switches,
+    /// From when on the fixture is rolled how far, degrees; the first from the beginning.
+    pub(crate) rolls: Vec<(Duration, f64)>,
+}
+
+impl Live {
+    fn roll_deg(&self, time: Duration) -> f64 {
+        self.rolls.iter().rev().find(|(from, _)| *from <= time).map_or(0.0, |(_, roll)| *roll)
+    }
 }
 
 impl World {
@@ -146,6 +156,7 @@ impl World {
             rail: start(config.rail.map(|r| r.stage.start), &history.rail),
             rotation: start(config.rotation.map(|r| r.stage.start), &history.rotation),
             switches: Switches::default(),
+            rolls: vec![(Duration::ZERO, history.roll_deg)],
         };
         let walls = config.walls.iter().map(Wall::new).collect();
         Ok(Self { config, streams, truth, walls, cameras, live: Mutex::new(live), history })
@@ -212,11 +223,27 @@ impl World {
         wavelength_nm: f64,
         emission: Emission,
     ) -> ModuleState {
+        self.rolled_state(0.0, [rail_mm, rotation_deg], wavelength_nm, emission)
+    }
+
+    fn rolled_state(
+        &self,
+        roll_deg: f64,
+        [rail_mm, rotation_deg]: [f64; 2],
+        wavelength_nm: f64,
+        emission: Emission,
+    ) -> ModuleState {
         let config = &self.config;
         let rail = config.rail.as_ref().map(|r| (r, &self.truth.rail_phases_rad, rail_mm));
-        let rotation = config.rotation.as_ref().map(|r| (r, rotation_deg));
-        let (position, world_from_module) = module_pose(&config.module, rotation, rail);
+        let rotation = config.rotation.as_ref().map(|r| (r, &self.truth.turntable, rotation_deg));
+        let (position, world_from_module) = module_pose(&config.module, roll_deg, rotation, rail);
         ModuleState { position, world_from_module, wavelength_nm, emission }
+    }
+
+    /// Somebody rolls the module in its fixture, from a moment on: degrees counter-clockwise as the
+    /// module sees it, from how it stands in the rig.
+    pub fn roll_module(&self, at: Stamp, roll_deg: f64) {
+        self.live().rolls.push((at.monotonic, roll_deg));
     }
 
     /// Every beam's direction in the module frame and where it meets a wall.
@@ -288,9 +315,10 @@ impl World {
         let degc = diode::diode_degc(&self.config.diode, &self.config.room, &live.switches, time);
         let wavelength_nm = diode::wavelength_nm(&self.config.diode, degc);
         let emission = if live.switches.emitting(time) { Emission::On } else { Emission::Off };
-        let (rail_mm, rotation_deg) = (live.rail.at(time), live.rotation.at(time));
+        let stages = [live.rail.at(time), live.rotation.at(time)];
+        let roll_deg = live.roll_deg(time);
         drop(live);
-        self.module_state(rail_mm, rotation_deg, wavelength_nm, emission)
+        self.rolled_state(roll_deg, stages, wavelength_nm, emission)
     }
 
     /// The true beams at a wavelength.

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use super::{Database, Ended, close};
-use crate::calibration;
 use crate::estimating::learned;
 use crate::input::checked;
 use crate::output::{Exit, print};
@@ -35,9 +34,8 @@ impl Check {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let mut checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
             .map_err(Ended::input)?;
-        let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
         // Instruments are built, not connected: what `run` would refuse, `check` says.
-        wiring::laboratory(&checked.rig, setup, &Before::default()).map_err(Ended::input)?;
+        wiring::laboratory(&checked, &Before::default()).map_err(Ended::input)?;
         // What is stored of this rig says more than the rig; a database is not made for that.
         if let Ok(store) = self.database.open_existing().await {
             checked.summary.estimate = learned(&store, &checked.summary).await?;

@@ -3,14 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use beampose_core::{Gap, SessionId, SessionOutcome, Stamp, StepNumber, StepOutcome};
+use beampose_core::{Gap, Look, SessionId, SessionOutcome, Stamp, StepNumber, StepOutcome};
 use beampose_engine::{Earlier, restoration};
 use beampose_photogrammetry::solve::Method;
 use beampose_plan::{Section, Step};
 use beampose_store::{Store, StoredSession, StoredStep};
 
 use super::{Database, Ended, close, find};
-use crate::calibration;
 use crate::conduct::{self, Session, Shown};
 use crate::input::{Checked, Origin, checked};
 use crate::output::{Exit, complain};
@@ -196,6 +195,10 @@ async fn prepare(
             of_step.push((row.instrument, row.reading));
         }
     }
+    let mut looks: BTreeMap<StepNumber, Vec<Look>> = BTreeMap::new();
+    for (step, look) in store.looks(id).await? {
+        looks.entry(step).or_default().push(look);
+    }
     let captures = store.captures(id).await?;
     let captures: Vec<_> =
         captures.into_iter().filter(|c| earlier.done.contains(&c.step)).collect();
@@ -204,10 +207,9 @@ async fn prepare(
     let pictures = captures.iter().flat_map(|c| &c.pictures).map(|p| p.camera.as_str());
     let before = Before {
         times: Some((stored.header.opened, stopped)),
-        history: wiring::history(&checked, &earlier, &restored, pictures),
+        history: wiring::history(&checked, &earlier, &looks, &restored, pictures),
     };
-    let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
-    let laboratory = wiring::laboratory(&checked.rig, setup, &before).map_err(Ended::input)?;
+    let laboratory = wiring::laboratory(&checked, &before).map_err(Ended::input)?;
     let gap = Gap {
         stopped,
         resumed: laboratory.clock.shared().now(),

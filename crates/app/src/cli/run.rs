@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use beampose_core::{SessionHeader, SessionId, Stamp};
 
 use super::{Database, Ended};
-use crate::calibration;
 use crate::conduct::{Session, Shown};
 use crate::estimating::learned;
 use crate::input::{Checked, Origin, checked};
@@ -43,9 +42,7 @@ impl Run {
         for warning in &checked.summary.warnings {
             complain(&warning.to_string());
         }
-        let setup = calibration::setup(&checked.rig, &checked.rig_folder).map_err(Ended::input)?;
-        let laboratory =
-            wiring::laboratory(&checked.rig, setup, &Before::default()).map_err(Ended::input)?;
+        let laboratory = wiring::laboratory(&checked, &Before::default()).map_err(Ended::input)?;
         let answers = self.shown.read_answers()?;
         self.shown.refuse_a_file()?;
         let store = self.database.open().await?;

@@ -94,6 +94,7 @@ pub fn faulty(bench: Bench, faults: &Arc<Faults>) -> Bench {
         lasers: wrap!(bench.lasers, FaultyLaser),
         sensors: wrap!(bench.sensors, FaultySensor),
         cameras: wrap!(bench.cameras, FaultyCamera),
+        sight: bench.sight,
         tolerances: bench.tolerances,
         under_way: bench.under_way,
     }

@@ -4,13 +4,17 @@
 //! `beampose_drivers`; simulated ones share one [`World`].
 
 mod faults;
+pub mod person;
+mod sight;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
-use beampose_core::{Axis, ByHand, Clock, InstrumentName, Quantity, Stamp, VirtualClock};
+use beampose_core::{
+    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, VirtualClock,
+};
 use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
@@ -27,6 +31,7 @@ use beampose_virtual_lab::{
 };
 use jiff::SignedDuration;
 
+use crate::calibration;
 use crate::input::Checked;
 
 /// The clock of a run.
@@ -111,6 +116,7 @@ pub struct Before {
 pub fn history<'a>(
     checked: &Checked,
     earlier: &Earlier,
+    looks: &BTreeMap<StepNumber, Vec<Look>>,
     restored: &[Step],
     pictures: impl Iterator<Item = &'a str>,
 ) -> History {
@@ -121,6 +127,18 @@ pub fn history<'a>(
         {
             stage.moves += 1;
             stage.target = Some(*target);
+        }
+        if let (Action::Align { axis, camera, .. }, Some(looks)) =
+            (&step.action, looks.get(&step.number))
+        {
+            if let Some(stage) = stage_of(&mut history, checked, axis) {
+                stage.moves += looks.len();
+                stage.target = looks.last().map(|look| look.commanded);
+                // The last reading and the last picture are counted with all others.
+                stage.reads += looks.len().saturating_sub(1) as u64;
+            }
+            let triggers = history.triggers.entry(camera.as_str().to_owned()).or_default();
+            *triggers += looks.len().saturating_sub(1) as u64;
         }
         for (name, reading) in earlier.readings.get(&step.number).into_iter().flatten() {
             match reading.quantity {
@@ -142,6 +160,8 @@ pub fn history<'a>(
             stage.reads = stage.reads.saturating_sub(1);
         }
     }
+    let done = checked.summary.steps.iter().filter(|s| earlier.done.contains(&s.number));
+    history.roll_deg = person::roll_deg(&checked.rig, done);
     for camera in pictures {
         *history.triggers.entry(camera.to_owned()).or_default() += 1;
     }
@@ -155,18 +175,22 @@ fn stage_of<'a>(
     axis: &InstrumentName,
 ) -> Option<&'a mut StageHistory> {
     let module = &checked.rig.simulation.as_ref()?.module;
-    if module.axis.value == *axis {
+    if module.axis.as_ref().is_some_and(|it| it.value == *axis) {
         return Some(&mut history.rail);
     }
     let turntable = module.turntable.as_ref()?;
     (turntable.axis.value == *axis).then_some(&mut history.rotation)
 }
 
-/// Builds the instruments of `rig`. `setup` holds the calibrations at full picture size.
+/// Builds the instruments of a rig.
 ///
 /// # Errors
-/// Which instrument cannot be built and why, for people.
-pub fn laboratory(rig: &Rig, setup: Setup, before: &Before) -> Result<Laboratory, String> {
+/// Which file is at fault, or which instrument cannot be built, and why, for people.
+pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, String> {
+    let (rig, folder) = (&checked.rig, &checked.rig_folder);
+    // Calibrations at full picture size.
+    let setup = calibration::setup(rig, folder)?;
+    let fan = calibration::simulated_fan(rig, folder)?;
     let unknown = rig.unknown_drivers(beampose_drivers::known);
     if !unknown.is_empty() {
         return Err(unknown.to_string());
@@ -174,7 +198,8 @@ pub fn laboratory(rig: &Rig, setup: Setup, before: &Before) -> Result<Laboratory
     let clock = LabClock::of(rig.clock, before);
     let world = match &rig.simulation {
         Some(simulation) => {
-            let config = world_config(rig, simulation, &setup)?;
+            let pattern = fan.unwrap_or_else(|| setup.pattern.clone());
+            let config = WorldConfig { pattern, ..world_config(rig, simulation, &setup)? };
             let world = World::after(config, simulation.seed, before.history.clone())
                 .map_err(|error| format!("{}: simulation: {error}", rig.source.name()))?;
             Some(Arc::new(world))
@@ -188,6 +213,8 @@ pub fn laboratory(rig: &Rig, setup: Setup, before: &Before) -> Result<Laboratory
     let mut bench = bench(rig, world.as_ref(), &clock.shared())?;
     let tolerance =
         |(name, it): (&InstrumentName, &Instrument)| Some((name.clone(), it.tolerance()?));
+    let scale = rig.simulation.as_ref().map_or(1.0, |simulation| simulation.picture.scale);
+    bench.sight = Some(Arc::new(sight::PatternSight::new(setup.pattern.clone(), scale)));
     bench.tolerances = rig.instruments.iter().filter_map(tolerance).collect();
     let faults = faults::faults(rig, &clock.shared(), &bench.under_way);
     if let Some(faults) = &faults {
@@ -313,13 +340,23 @@ fn thermometer_u(rig: &Rig) -> f64 {
 /// A stage that errs in nothing, in its own unit; it begins at zero where it can.
 fn stage(limits: [f64; 2], speed_per_s: f64, settle_s: f64) -> StageConfig {
     let start = limits[0].max(0.0);
-    let (positioning_sigma, resolution, noise) = (0.0, 0.0, 0.0);
-    StageConfig { limits, start, speed_per_s, settle_s, positioning_sigma, resolution, noise }
+    StageConfig {
+        limits,
+        start,
+        speed_per_s,
+        settle_s,
+        positioning_sigma: 0.0,
+        resolution: 0.0,
+        noise: 0.0,
+        lost_motion: 0.0,
+        graduation: 0.0,
+    }
 }
 
 fn rail(rig: &Rig, simulation: &Simulation) -> Option<RailConfig> {
     let module = &simulation.module;
-    let Some(Instrument::LinearAxis(axis)) = rig.instruments.get(&module.axis.value) else {
+    let Some(Instrument::LinearAxis(axis)) = rig.instruments.get(&module.axis.as_ref()?.value)
+    else {
         return None;
     };
     let (travel, straightness) = (&axis.travel.value, module.straightness.amplitude.0);
@@ -347,14 +384,21 @@ fn rotation(rig: &Rig, simulation: &Simulation) -> Option<RotationConfig> {
     let travel = &axis.travel.value;
     Some(RotationConfig {
         stage: StageConfig {
-            positioning_sigma: 5e-4,
+            positioning_sigma: turntable.positioning.map_or(5e-4, |sigma| sigma.0),
             // One second of arc.
             resolution: 1.0 / 3600.0,
-            noise: axis.u.map_or(0.0, |u| u.0),
+            noise: match turntable.graduation {
+                Some(_) => 0.0,
+                None => axis.u.map_or(0.0, |u| u.0),
+            },
+            lost_motion: turntable.lost_motion.map_or(0.0, |play| play.0),
+            graduation: turntable.graduation.map_or(0.0, |wave| wave.0),
             ..stage([travel.from.0, travel.to.0], axis.speed.0, axis.settle.0)
         },
         axis_point_mm: turntable.about.map(|x| x.0),
         axis_direction: turntable.direction.value,
+        misalignment_u_mm: turntable.misalignment_u.map_or([0.0; 3], |u| u.map(|u| u.0)),
+        tilt_u_deg: turntable.tilt_u.map_or(0.0, |u| u.0),
     })
 }
 

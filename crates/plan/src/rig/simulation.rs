@@ -33,6 +33,8 @@ record! {
         tie_targets: Option<Vec<At<PlacedTarget>>>,
         /// What a picture is like.
         picture: SimulatedPicture,
+        /// Who answers prompts, by their names, where nobody else does.
+        person: Option<BTreeMap<String, At<SimulatedAnswer>>>,
         /// What goes wrong, and when.
         faults: Option<Vec<At<SimulatedFault>>>,
     }
@@ -103,6 +105,9 @@ record! {
     pub struct SimulatedModule {
         /// The linear axis that carries it, if one does.
         axis: Option<At<InstrumentName>>,
+        /// Its fan of beams, a pattern file, relative to the rig's; without it the one that the
+        /// measurement is told. True values are drawn about either.
+        pattern: Option<At<String>>,
         /// Where it is in the world when the axis is at zero.
         origin: [Millimetre; 3],
         /// Which way it moves in the world when the axis counts up; of any length.
@@ -127,6 +132,30 @@ record! {
         about: [Millimetre; 3],
         /// Direction of that line in the world (right-hand rule); of any length.
         direction: At<[f64; 3]>,
+        /// Standard deviation of where it stops; without it 0.0005 deg.
+        positioning: Option<Degree> => not_negative,
+        /// Play between drive and table; without it none.
+        lost_motion: Option<Degree> => not_negative,
+        /// Amplitude of the encoder's graduation error, a slow wave; where it is given, the axis' `u`
+        /// says nothing of single readings.
+        graduation: Option<Degree> => not_negative,
+        /// Standard uncertainty of where the module stands off the line, beyond what is written here,
+        /// along the world's X, Y and Z; without it none.
+        misalignment_u: Option<[Millimetre; 3]>,
+        /// Standard uncertainty of how far the line leans, about each of two directions across it;
+        /// without it none.
+        tilt_u: Option<Degree> => not_negative,
+    }
+}
+
+record! {
+    /// What a simulated person says, and does.
+    pub struct SimulatedAnswer {
+        /// What is said.
+        answer: String,
+        /// The module is then rolled in its fixture so far from how it stands in the rig,
+        /// counter-clockwise as it sees it: at 90 degrees its lower beams come to the right.
+        roll: Option<Degree>,
     }
 }
 

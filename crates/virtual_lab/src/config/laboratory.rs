@@ -104,6 +104,8 @@ fn rail() -> RailConfig {
             positioning_sigma: 0.002,
             resolution: 0.001,
             noise: 0.001,
+            lost_motion: 0.0,
+            graduation: 0.0,
         },
         direction: [0.0, 0.0, 1.0],
         scale_error_relative: 1e-5,

@@ -88,6 +88,10 @@ pub struct StageConfig {
     pub resolution: f64,
     /// Standard deviation of the encoder's reading, before rounding to its step.
     pub noise: f64,
+    /// Play between drive and table: turned back, the table stands still for so long.
+    pub lost_motion: f64,
+    /// Amplitude of the encoder's graduation error, a slow wave over its travel.
+    pub graduation: f64,
 }
 
 /// A rail: its truth differs from its encoder by scale and straightness.
@@ -118,6 +122,12 @@ pub struct RotationConfig {
     pub axis_point_mm: [f64; 3],
     /// Direction of its axis in the world (right-hand rule); any length but zero.
     pub axis_direction: [f64; 3],
+    /// Standard uncertainty of where the module stands off that axis, beyond what is configured:
+    /// along the world's X, Y and Z, mm.
+    pub misalignment_u_mm: [f64; 3],
+    /// Standard uncertainty of how far the axis leans, about each of two directions across it,
+    /// degrees.
+    pub tilt_u_deg: f64,
 }
 
 /// The laser beams behind the grating.

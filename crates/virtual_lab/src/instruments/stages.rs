@@ -82,7 +82,10 @@ impl Stage {
         let mut live = self.world.live();
         let motion = self.kind.motion(&mut live);
         let mut rng = self.world.streams.item(purpose, motion.commands() as u64);
-        let stop_at = target + self.config.positioning_sigma * normal(&mut rng);
+        let drive = target + self.config.positioning_sigma * normal(&mut rng);
+        // The table follows where the play is taken up.
+        let play = self.config.lost_motion / 2.0;
+        let stop_at = motion.at(now).clamp(drive - play, drive + play);
         let arrival = motion.go(now, stop_at, self.config.speed_per_s);
         (motion.commands(), arrival)
     }
@@ -96,7 +99,11 @@ impl Stage {
         let read = self.reads.fetch_add(1, Ordering::SeqCst);
         let noise = normal(&mut self.world.streams.item(purpose, read));
         let place = self.kind.motion(&mut self.world.live()).at(at.monotonic);
-        let value = encoder_reading(&self.config, place, noise);
+        let phase = match self.kind {
+            Kind::Rail => 0.0,
+            Kind::Rotation => self.world.truth.turntable.graduation_phase_rad,
+        };
+        let value = encoder_reading(&self.config, place, phase, noise);
         // The declared uncertainty is the rig's to add.
         Reading { quantity, value, standard_uncertainty: None, at }
     }

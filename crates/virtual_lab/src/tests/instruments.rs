@@ -224,6 +224,8 @@ fn the_rotation_stage_turns_the_module() {
     let mut stage = config.rail.unwrap().stage;
     (stage.limits, stage.speed_per_s, stage.positioning_sigma) = ([-60.0, 60.0], 20.0, 0.0);
     config.rotation = Some(RotationConfig {
+        misalignment_u_mm: [0.0; 3],
+        tilt_u_deg: 0.0,
         stage,
         axis_point_mm: [0.0, 0.0, 900.0],
         axis_direction: [0.0, 1.0, 0.0],
