@@ -12,6 +12,8 @@ const APPROACH_PX: f64 = 20.0;
 const BELIEVED_PX: f64 = 5.0;
 /// A long way is gone this much too short, pixels: what is left is then gone in the same direction.
 const SHORT_PX: f64 = 0.7;
+/// Looks nearer to the pixel than this tell together where the dot is, pixels.
+const NEAR_PX: f64 = 2.0;
 /// What stands nearer to where a spot stood before has not moved, pixels.
 const STILL_PX: f64 = 0.5;
 /// How far from its prediction a spot may stand: a part of the way that it moved, but no less than
@@ -121,7 +123,7 @@ impl ClosingIn {
             self.gain = track.gain().unwrap_or(self.gain);
         }
         self.dot_px = Some(dot_px);
-        let off_px = self.along(dot_px);
+        let off_px = self.off_px(read);
         if is_believed && off_px.abs() <= self.goal.tolerance_px {
             return Next::There { dot_px, off_px };
         }
@@ -230,6 +232,18 @@ impl ClosingIn {
     fn along(&self, dot: [f64; 2]) -> f64 {
         let off = [0, 1].map(|i| dot[i] - self.goal.target_px[i]);
         (off[0] * self.gain[0] + off[1] * self.gain[1]) / norm(self.gain)
+    }
+
+    /// How far off the dot stands when the axis reads so, along its way, pixels: the mean of what
+    /// the looks near the pixel say, so that the noise of one picture does not make the axis move.
+    fn off_px(&self, read: f64) -> f64 {
+        let places = self.best(read).map(|track| track.places.as_slice()).unwrap_or_default();
+        let off =
+            |place: &(f64, [f64; 2])| self.along(place.1) + norm(self.gain) * (read - place.0);
+        let Some(last) = places.last() else { return f64::NAN };
+        let near: Vec<f64> =
+            places.iter().filter(|place| self.along(place.1).abs() < NEAR_PX).map(off).collect();
+        if near.is_empty() { off(last) } else { near.iter().sum::<f64>() / near.len() as f64 }
     }
 
     fn why_no_dot(&self, read: f64, spots: &[[f64; 2]]) -> String {

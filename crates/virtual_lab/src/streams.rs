@@ -17,6 +17,7 @@ pub(crate) enum Purpose {
     Wavemeter = 6,
     Rail = 7,
     Turntable = 8,
+    Pointing = 9,
     PixelNoise = 16,
     Speckle = 17,
     RailEncoder = 32,

@@ -31,6 +31,9 @@ pub struct TrueParameters {
     /// How the rotation stage stands; as declared in sessions from before there was such a thing.
     #[serde(default)]
     pub turntable: TrueTurntable,
+    /// Phases of the waves in which the fan wanders about two axes, radians.
+    #[serde(default)]
+    pub pointing_phases_rad: [[f64; 3]; 2],
     /// Phases of the rail's straightness (two) and turning (two) at encoder 0, radians.
     pub rail_phases_rad: [f64; 4],
 }
@@ -122,8 +125,14 @@ pub(crate) fn draw(config: &WorldConfig, streams: &Streams) -> TrueParameters {
         pattern_common_error: one(Purpose::Common, config.pattern.u.common_relative),
         wavemeter_bias_nm: one(Purpose::Wavemeter, config.wavemeter.bias_u_nm),
         turntable: turntable(config, streams, size),
+        pointing_phases_rad: pointing_phases(streams),
         rail_phases_rad: rail_phases(streams, size),
     }
+}
+
+fn pointing_phases(streams: &Streams) -> [[f64; 3]; 2] {
+    let mut rng = streams.item(Purpose::Pointing, 0);
+    std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(0.0..std::f64::consts::TAU)))
 }
 
 fn turntable(config: &WorldConfig, streams: &Streams, size: f64) -> TrueTurntable {

@@ -9,7 +9,7 @@ use beampose_photogrammetry::rotation::{from_wxyz, wxyz};
 use beampose_photogrammetry::{Beam, CalibratedCamera, GrayImage, InteriorSigma};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use crate::config::WorldConfig;
+use crate::config::{PointingConfig, WorldConfig};
 use crate::diode::{self, Switches};
 use crate::error::WorldError;
 use crate::geometry::{View, Wall, nearest, scaled};
@@ -318,7 +318,16 @@ impl World {
         let stages = [live.rail.at(time), live.rotation.at(time)];
         let roll_deg = live.roll_deg(time);
         drop(live);
-        self.rolled_state(roll_deg, stages, wavelength_nm, emission)
+        let state = self.rolled_state(roll_deg, stages, wavelength_nm, emission);
+        match &self.config.beam.pointing {
+            Some(pointing) => {
+                let wander = wander_deg(pointing, &self.truth.pointing_phases_rad, time);
+                let [right, up] = wander.map(f64::to_radians);
+                let turn = UnitQuaternion::from_scaled_axis(Vector3::new(up, right, 0.0));
+                ModuleState { world_from_module: state.world_from_module * turn, ..state }
+            }
+            None => state,
+        }
     }
 
     /// The true beams at a wavelength.
@@ -339,4 +348,19 @@ impl World {
     pub(crate) fn live(&self) -> MutexGuard<'_, Live> {
         self.live.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// How far the fan points aside at a time, about two axes, degrees: three waves each, whose periods
+/// have no common multiple that a session would see.
+fn wander_deg(pointing: &PointingConfig, phases: &[[f64; 3]; 2], time: Duration) -> [f64; 2] {
+    const PERIODS: [f64; 3] = [0.71, 1.0, 1.618];
+    // Three waves of equal amplitude: the variance of each is half of its square.
+    let amplitude = pointing.wander_deg * (2.0_f64 / 3.0).sqrt();
+    phases.map(|phases| {
+        let waves = PERIODS.iter().zip(phases).map(|(period, phase)| {
+            let turns = time.as_secs_f64() / (period * pointing.period_s);
+            (std::f64::consts::TAU * turns + phase).sin()
+        });
+        amplitude * waves.sum::<f64>()
+    })
 }

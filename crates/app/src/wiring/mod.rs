@@ -20,8 +20,8 @@ use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
 use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
-    BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, Polarity, RailConfig,
-    RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
+    BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, PointingConfig, Polarity,
+    RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
     ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::faults::Faults;
@@ -406,6 +406,10 @@ fn beam(simulation: &Simulation) -> BeamConfig {
     BeamConfig {
         diameter_mm: simulation.laser.beam.diameter.0,
         divergence_mrad: simulation.laser.beam.divergence.radians() * 1e3,
+        pointing: simulation.laser.beam.pointing.as_ref().map(|pointing| PointingConfig {
+            wander_deg: pointing.wander.0,
+            period_s: pointing.period.0,
+        }),
         peak_grey: simulation.picture.dot_amplitude * FULL_SCALE,
         peak_distance_mm: 900.0,
     }

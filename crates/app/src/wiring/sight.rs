@@ -5,6 +5,11 @@ use beampose_engine::Sight;
 use beampose_photogrammetry::detect::{DotOptions, find_dots};
 use beampose_photogrammetry::{Order, Pattern, decode};
 
+/// A picture with few dots says little of its noise, and what is no dot does not move as the axis
+/// does: more is let through here than where every dot counts.
+const OPTIONS: DotOptions =
+    DotOptions { max_reduced_chi_square: 30.0, max_shape_departure: 0.5, ..DotOptions::USUAL };
+
 /// Finds dots in pictures of a known scale.
 pub struct PatternSight {
     pattern: Pattern,
@@ -22,7 +27,7 @@ impl PatternSight {
 impl Sight for PatternSight {
     fn spots(&self, _: &InstrumentName, picture: &[u8]) -> Result<Vec<[f64; 2]>, String> {
         let image = decode(picture).map_err(|error| error.to_string())?;
-        let found = find_dots(&image, &DotOptions::default());
+        let found = find_dots(&image, &OPTIONS);
         // The centre of the first pixel is 0 at any size.
         let full_size = |x: f64| (x + 0.5) / self.scale - 0.5;
         let dots = found.dots.iter();

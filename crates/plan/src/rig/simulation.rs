@@ -222,6 +222,18 @@ record! {
         diameter: Millimetre => positive,
         /// Full angle of divergence.
         divergence: Degree => not_negative,
+        /// How the fan as a whole wanders; without it not at all.
+        pointing: Option<Pointing>,
+    }
+}
+
+record! {
+    /// Pointing stability of the laser in its mount.
+    pub struct Pointing {
+        /// Standard deviation about each of two axes across the beam.
+        wander: Degree => not_negative,
+        /// Its usual period.
+        period: Second => positive,
     }
 }
 

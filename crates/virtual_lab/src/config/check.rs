@@ -38,6 +38,10 @@ impl WorldConfig {
         require(scale > 0.0 && scale <= 1.0, "picture_scale", scale, "above 0 and up to 1")?;
         positive("beam.diameter_mm", self.beam.diameter_mm)?;
         not_negative("beam.divergence_mrad", self.beam.divergence_mrad)?;
+        if let Some(pointing) = &self.beam.pointing {
+            not_negative("beam.pointing.wander_deg", pointing.wander_deg)?;
+            positive("beam.pointing.period_s", pointing.period_s)?;
+        }
         positive("beam.peak_distance_mm", self.beam.peak_distance_mm)?;
         positive("diode.wavelength_nm", self.diode.wavelength_nm)?;
         positive("diode.time_constant_s", self.diode.time_constant_s)?;

@@ -32,6 +32,7 @@ impl WorldConfig {
             beam: BeamConfig {
                 diameter_mm: 4.0,
                 divergence_mrad: 1.5,
+                pointing: None,
                 peak_grey: 150.0,
                 peak_distance_mm: 900.0,
             },

@@ -138,11 +138,23 @@ pub struct BeamConfig {
     pub diameter_mm: f64,
     /// Full divergence at 1/e^2, milliradians.
     pub divergence_mrad: f64,
+    /// How the whole fan wanders, if it does.
+    pub pointing: Option<PointingConfig>,
     /// Grey levels above the background in the middle of an ordinary beam's dot that falls
     /// perpendicularly on a wall at `peak_distance_mm`.
     pub peak_grey: f64,
     /// See `peak_grey`, mm.
     pub peak_distance_mm: f64,
+}
+
+/// Pointing stability: the fan as a whole wanders slowly, as laser diodes in mounts do.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointingConfig {
+    /// Standard deviation about each of the two axes across the beam, degrees.
+    pub wander_deg: f64,
+    /// Its usual period, seconds.
+    pub period_s: f64,
 }
 
 /// The laser diode: its wavelength follows its temperature, that of the room plus self-heating.

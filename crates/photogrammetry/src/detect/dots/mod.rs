@@ -84,20 +84,25 @@ pub enum CentreMethod {
     LeastSquaresMatching,
 }
 
+impl DotOptions {
+    /// What solving takes.
+    pub const USUAL: Self = Self {
+        min_sigma: 0.8,
+        max_sigma: 9.0,
+        max_axis_ratio: 4.0,
+        threshold_in_noise: 5.0,
+        min_contrast: 4.0,
+        max_shape_departure: 0.12,
+        max_reduced_chi_square: 3.0,
+        min_core_ratio: 0.6,
+        centre: CentreMethod::Gaussian,
+        noise: None,
+    };
+}
+
 impl Default for DotOptions {
     fn default() -> Self {
-        Self {
-            min_sigma: 0.8,
-            max_sigma: 9.0,
-            max_axis_ratio: 4.0,
-            threshold_in_noise: 5.0,
-            min_contrast: 4.0,
-            max_shape_departure: 0.12,
-            max_reduced_chi_square: 3.0,
-            min_core_ratio: 0.6,
-            centre: CentreMethod::Gaussian,
-            noise: None,
-        }
+        Self::USUAL
     }
 }
 
