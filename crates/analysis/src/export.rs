@@ -10,10 +10,12 @@ use serde_json::{Map, Value, json};
 use crate::numbers::{omega_phi_kappa_deg, omega_phi_kappa_u_deg, root};
 use crate::report::{ReportCapture, ReportInput};
 use crate::translation::TranslationResult;
+use crate::wavelength_drift::SeriesPoint;
 
 /// The session's result as one JSON object: `experiment`, `verdict`, `reasons`, `captures`,
 /// `solved`, `methods`, `limits` as [`TranslationResult`] has them (without a translation test
-/// `methods` has the number of solved captures only), then `title`, `session`, `processing` and,
+/// `methods` has the number of solved captures only; a wavelength drift adds the members of
+/// [`crate::WavelengthDriftResult`]), then `title`, `session`, `processing` and,
 /// where there are any, `interruptions` and, where the truth is known, `scores`.
 ///
 /// # Errors
@@ -26,6 +28,11 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
         },
         None => plain(input),
     };
+    if let Some(drift) = &input.drift
+        && let Value::Object(members) = serde_json::to_value(&drift.result)?
+    {
+        object.extend(members);
+    }
     let mut put = |key: &str, value: Value| object.insert(key.to_owned(), value);
     put("experiment", json!(input.experiment));
     put("verdict", json!(input.verdict));
@@ -95,6 +102,26 @@ pub fn positions_csv(result: &TranslationResult) -> String {
                 p.passes
             );
         }
+    }
+    out
+}
+
+/// The readings of a wavelength drift, one line each: `mark` is `warming_up`, `settled`, `hop` (the
+/// first one behind a hop) or `stray` (left out), `mode` counts the hops before it.
+#[must_use]
+pub fn series_csv(series: &[SeriesPoint]) -> String {
+    let mut out = String::from(
+        "at_s,wavelength_nm,fitted_nm,diode_temperature_degc,room_temperature_degc,mode,mark\n",
+    );
+    let number = |value: Option<f64>| {
+        value.filter(|v| v.is_finite()).map(|v| v.to_string()).unwrap_or_default()
+    };
+    for p in series {
+        let (fitted, diode, room) =
+            (number(Some(p.fitted_nm)), number(p.diode_degc), number(p.room_degc));
+        let (at, nm, mode, mark) = (p.at_s, p.wavelength_nm, p.mode, p.mark.as_str());
+        // Writing to a String cannot fail.
+        let _ = writeln!(out, "{at},{nm},{fitted},{diode},{room},{mode},{mark}");
     }
     out
 }

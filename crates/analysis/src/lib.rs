@@ -4,7 +4,7 @@
 //! self-contained HTML page come back. No files, no clocks, no hardware. Numbers are in
 //! millimetres and radians; every field that leaves as text has its unit as a suffix.
 //!
-//! To add an experiment's analysis: a module beside [`mod@translation`] with its input, its
+//! To add an experiment's analysis: a module beside [`mod@translation`] and [`mod@wavelength_drift`] with its input, its
 //! serialisable result and a verdict, a field in [`ReportInput`], a section in `report`.
 
 mod calibration_export;
@@ -16,10 +16,11 @@ pub mod report;
 pub mod score;
 pub mod translation;
 mod verdict;
+pub mod wavelength_drift;
 
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
-pub use export::{json, poses_csv, positions_csv};
+pub use export::{json, poses_csv, positions_csv, series_csv};
 pub use fit::LineFit;
 pub use report::{
     CalibrationReport, InputFile, LeftOut, ReportInput, calibration_html, html, stability_html,
@@ -31,6 +32,10 @@ pub use translation::{
     translation,
 };
 pub use verdict::{Decision, Limits, Verdict};
+pub use wavelength_drift::{
+    DriftLimits, Sample, WavelengthDrift, WavelengthDriftInput, WavelengthDriftResult,
+    wavelength_drift,
+};
 
 /// Coverage factor of every expanded uncertainty in this crate: U = 2 u (GUM, section 6.3).
 pub const COVERAGE_FACTOR: f64 = 2.0;

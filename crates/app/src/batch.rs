@@ -23,7 +23,7 @@ use tokio::sync::Semaphore;
 use crate::pipeline::{Pipeline, Solved, adjusted, described, of_captures, solution_of};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
-use crate::session_report::load_processing;
+use crate::session_report::{load_processing, result_json};
 
 /// Solving one session.
 pub struct Job {
@@ -348,11 +348,10 @@ async fn stored(
 /// one: what is finished has its result.
 async fn finish(store: &Store, session: SessionId, id: ProcessingId) -> anyhow::Result<()> {
     let loaded = load_processing(store, session, processing(store, session, id).await?).await?;
-    let result = tokio::task::spawn_blocking(move || loaded.translation()).await?;
-    if let Some(result) = result
+    let found = tokio::task::spawn_blocking(move || loaded.analysed()).await?;
+    if let Some(result_json) = result_json(found.translation.as_ref(), found.drift.as_ref())?
         && store.results(id).await?.is_empty()
     {
-        let result_json = serde_json::to_string(&result)?;
         let created = jiff::Timestamp::now();
         store.save_result(&ResultRow { processing: id, created, result_json }).await?;
     }

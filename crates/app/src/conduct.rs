@@ -27,7 +27,7 @@ use crate::remote::{Mailbox, listen};
 use crate::rescue::rescue;
 use crate::rig_lock::RigLock;
 use crate::session_lock::SessionLock;
-use crate::session_report::{input, load, method_of, prepare, write};
+use crate::session_report::{input, load, method_of, prepare, result_json, write};
 use crate::truth;
 use crate::wiring::Laboratory;
 use crate::wiring::person::WithPerson;
@@ -290,14 +290,10 @@ async fn conclude(
     let loaded = load(store, id).await?;
     let input = input(store, &loaded).await?;
     let written = write(&input, folder)?;
-    if let Some(result) = &input.translation {
-        store
-            .save_result(&beampose_store::ResultRow {
-                processing: loaded.processing.id,
-                created: jiff::Timestamp::now(),
-                result_json: serde_json::to_string(result)?,
-            })
-            .await?;
+    if let Some(result_json) = result_json(input.translation.as_ref(), input.drift.as_ref())? {
+        let (processing, created) = (loaded.processing.id, jiff::Timestamp::now());
+        let row = beampose_store::ResultRow { processing, created, result_json };
+        store.save_result(&row).await?;
     }
     if let Some(command) = &shown.notify {
         let hook = Hook::new(command, id);

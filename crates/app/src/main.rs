@@ -6,6 +6,7 @@ mod calibration;
 mod camera_calibration;
 mod cli;
 mod conduct;
+mod drift_report;
 mod estimating;
 mod exchange;
 mod file_lock;

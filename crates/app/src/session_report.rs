@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
 use beampose_analysis::{
     Decision, DistanceRule, JointCovariance, Limits, ReportInput, StatedScale, TranslationInput,
-    TranslationResult, TravelCapture, Verdict, translation,
+    TranslationResult, TravelCapture, Verdict, WavelengthDrift, translation,
 };
 use beampose_core::units::Millimetre;
 use beampose_core::{
@@ -21,6 +21,7 @@ use beampose_photogrammetry::{Setup, decode};
 use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
+use crate::drift_report::{self, Series};
 use crate::interruptions::interruptions;
 use crate::journal_notes::{notes, out_of_limits};
 use crate::pipeline::solution_of;
@@ -41,6 +42,41 @@ pub struct Loaded {
     pub stored: Vec<StoredCapture>,
     /// Readings outside the limits that the plan accepts.
     out_of_limits: Vec<String>,
+    /// The readings of a wavelength drift.
+    series: Option<Series>,
+}
+
+/// What the plan's analysis gives; each experiment has its own.
+#[derive(Default)]
+pub struct Analysed {
+    /// Of a translation test.
+    pub translation: Option<TranslationResult>,
+    /// Of a wavelength drift.
+    pub drift: Option<WavelengthDrift>,
+}
+
+impl Analysed {
+    /// Its verdict and reasons; none where nothing is analysed.
+    fn verdict(&self) -> Option<(Verdict, &[String])> {
+        let of_translation = self.translation.as_ref().map(|r| (r.verdict, r.reasons.as_slice()));
+        let of_drift = self.drift.as_ref().map(|d| (d.result.verdict, d.result.reasons.as_slice()));
+        of_translation.or(of_drift)
+    }
+}
+
+/// The result of an analysis as it is stored; none where nothing is analysed.
+///
+/// # Errors
+/// None in practice: the types are plain data.
+pub fn result_json(
+    translation: Option<&TranslationResult>,
+    drift: Option<&WavelengthDrift>,
+) -> Result<Option<String>, serde_json::Error> {
+    match (translation, drift) {
+        (Some(result), _) => serde_json::to_string(result).map(Some),
+        (None, Some(drift)) => serde_json::to_string(&drift.result).map(Some),
+        (None, None) => Ok(None),
+    }
 }
 
 /// Loads a session with its newest processing.
@@ -75,7 +111,8 @@ pub async fn load_processing(
         captures.push(report_capture(store, &processing, capture).await?);
     }
     let out_of_limits = out_of_limits(store, session.header.id).await?;
-    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits })
+    let series = drift_report::series(store, id, plan.as_ref()).await?;
+    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits, series })
 }
 
 /// A session's plan; an imported one has none, since another program took its pictures.
@@ -123,10 +160,21 @@ impl Loaded {
         Method::ALL.into_iter().filter(|m| used.contains(m)).collect()
     }
 
-    /// The plan's analysis.
+    /// The plan's analysis, whatever it is.
+    pub fn analysed(&self) -> Analysed {
+        let drift = self.plan.as_ref().zip(self.series.as_ref());
+        Analysed {
+            translation: self.translation(),
+            drift: drift.and_then(|(plan, series)| series.analysed(plan, &self.setup.pattern)),
+        }
+    }
+
+    /// The plan's analysis, where it is a translation test.
     pub fn translation(&self) -> Option<TranslationResult> {
         let plan = self.plan.as_ref()?;
-        let Analyse::Translation { pass, axis_key, .. } = plan.analyse.as_ref()?;
+        let Some(Analyse::Translation { pass, axis_key, .. }) = &plan.analyse else {
+            return None;
+        };
         let of = |methods: &[Method], rule: DistanceRule<'_>| {
             let travel = |c| travel_capture(c, pass, axis_key, methods);
             // Captures outside the passes (with the module turned) help the adjustment only.
@@ -167,8 +215,8 @@ impl Loaded {
     }
 
     /// The verdict on the session with its analysis.
-    pub fn verdict(&self, result: Option<&TranslationResult>) -> Verdict {
-        let mut analysis = result.map_or(Verdict::Inconclusive, |r| r.verdict);
+    pub fn verdict(&self, analysed: &Analysed) -> Verdict {
+        let mut analysis = analysed.verdict().map_or(Verdict::Inconclusive, |(verdict, _)| verdict);
         if !self.out_of_limits.is_empty() {
             analysis = analysis.worse(Verdict::Fail);
         }
@@ -267,8 +315,8 @@ fn travel_capture(
 /// When the store fails.
 pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput> {
     let id = loaded.session.header.id;
-    let result = loaded.translation();
-    let mut reasons = result.as_ref().map(|r| r.reasons.clone()).unwrap_or_default();
+    let analysed = loaded.analysed();
+    let mut reasons = analysed.verdict().map(|(_, reasons)| reasons.to_vec()).unwrap_or_default();
     reasons.extend(loaded.out_of_limits.iter().cloned());
     let frames_px = loaded
         .setup
@@ -279,11 +327,12 @@ pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput
     Ok(ReportInput {
         title: loaded.session.header.title.clone(),
         experiment: loaded.session.header.experiment.clone(),
-        verdict: loaded.verdict(result.as_ref()),
+        verdict: loaded.verdict(&analysed),
         reasons,
         methods: loaded.methods(),
         captures: loaded.captures.clone(),
-        translation: result,
+        translation: analysed.translation,
+        drift: analysed.drift,
         scores: BTreeMap::new(),
         pictures: pictures(store, loaded).await?,
         frames_px,
@@ -424,8 +473,8 @@ pub fn prepare(folder: &Path) -> anyhow::Result<()> {
         .with_context(|| format!("the report's folder {} cannot be made", folder.display()))
 }
 
-/// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` into
-/// `folder`.
+/// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` and
+/// `wavelength.csv` into `folder`.
 ///
 /// # Errors
 /// Which file cannot be written.
@@ -443,6 +492,9 @@ pub fn write(input: &ReportInput, folder: &Path) -> anyhow::Result<Written> {
     put("poses.csv", &beampose_analysis::poses_csv(&input.captures))?;
     if let Some(result) = &input.translation {
         put("positions.csv", &beampose_analysis::positions_csv(result))?;
+    }
+    if let Some(drift) = &input.drift {
+        put("wavelength.csv", &beampose_analysis::series_csv(&drift.series))?;
     }
     Ok(Written { html, json })
 }

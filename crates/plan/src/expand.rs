@@ -50,6 +50,7 @@ pub(crate) fn expand_with_warnings(plan: &Plan, rig: &Rig) -> Result<Expanded, F
     expander.policy = expander.overlaid(&plan.policy, true);
     let rules = expander.rules();
     expander.steps(&plan.steps);
+    expander.check_analysis();
     expander.section = Section::Finally;
     // What holds for the experiment does not hold for what makes an end of it.
     expander.policy = Policy::default();

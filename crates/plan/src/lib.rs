@@ -6,6 +6,7 @@
 //! To add a step: a line in [`plan::file::StepFile`], one in [`plan::PlanStepKind`], its
 //! expansion; the JSON Schema follows by itself.
 
+mod analysed;
 pub mod check;
 pub mod estimate;
 pub mod expand;
@@ -30,7 +31,10 @@ pub use estimate::{Estimate, History, estimate};
 pub use expand::expand;
 pub use fault::{AsRead, At, Fault, Faults, Mark, Severity, Source};
 pub use hash::plan_hash;
-pub use plan::{Accept, Analyse, Experiment, Limits, Method, Plan, read_plan, read_plan_as_it_is};
+pub use plan::{
+    Accept, Analyse, DriftLimits, Experiment, Limits, Method, Plan, WavelengthDrift, read_plan,
+    read_plan_as_it_is,
+};
 pub use policy::{Condition, Holds, OnError, Policy, Rules};
 pub use rig::{ClockKind, Instrument, Rig, read_rig, read_rig_as_it_is};
 pub use schema::{plan_schema, rig_schema};

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::config::{DiodeConfig, RoomConfig};
+use crate::config::{DiodeConfig, HopAt, RoomConfig};
 
 /// When light began and ended, as a history: any past moment can be asked.
 #[derive(Debug, Clone, Default)]
@@ -63,9 +63,15 @@ pub(crate) fn diode_degc(
     room_degc(room, time) + diode.self_heating_degc * switches.warmth(time, diode.time_constant_s)
 }
 
-/// Wavelength in vacuum at a diode temperature, nm (what it would be, where it does not emit).
-pub(crate) fn wavelength_nm(diode: &DiodeConfig, degc: f64) -> f64 {
-    diode.wavelength_nm + diode.tuning_nm_per_degc * (degc - diode.reference_degc)
+/// Wavelength in vacuum at a time and a diode temperature, nm (what it would be, where it does not
+/// emit): along a mode it follows the temperature, and beyond each hop it is on another mode.
+pub(crate) fn wavelength_nm(diode: &DiodeConfig, time: Duration, degc: f64) -> f64 {
+    let beyond = |at: HopAt| match at {
+        HopAt::TimeS(seconds) => time.as_secs_f64() >= seconds,
+        HopAt::DiodeDegc(at) => degc >= at,
+    };
+    let along = diode.wavelength_nm + diode.tuning_nm_per_degc * (degc - diode.reference_degc);
+    diode.mode_hops.iter().filter(|hop| beyond(hop.at)).fold(along, |sum, hop| sum + hop.by_nm)
 }
 
 #[cfg(test)]
@@ -82,6 +88,28 @@ mod tests {
         switches.dark(minutes(110));
         let cold = (1.0 - (-10.0_f64).exp()) * (-3.0_f64).exp();
         assert!((switches.warmth(minutes(140), 600.0) - cold).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_diode_hops_at_a_moment_or_at_a_temperature_and_back() {
+        let hop = |at, by_nm| crate::config::ModeHop { at, by_nm };
+        let hops = vec![hop(HopAt::TimeS(60.0), 0.05), hop(HopAt::DiodeDegc(23.0), -0.2)];
+        let diode = DiodeConfig { mode_hops: hops, ..DiodeConfig::default() };
+        let plain = DiodeConfig::default();
+        let hopped = |seconds, degc| {
+            let time = Duration::from_secs(seconds);
+            wavelength_nm(&diode, time, degc) - wavelength_nm(&plain, time, degc)
+        };
+        let cases = [
+            (59, 22.9, 0.0),
+            (60, 22.9, 0.05),
+            (60, 23.0, -0.15),
+            (59, 23.1, -0.2),
+            (99, 22.0, 0.05),
+        ];
+        for (seconds, degc, by) in cases {
+            assert!((hopped(seconds, degc) - by).abs() < 1e-9, "{seconds} s, {degc} degrees");
+        }
     }
 
     #[test]

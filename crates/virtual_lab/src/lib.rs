@@ -32,8 +32,8 @@ mod tests;
 pub use config::{ErrorDraw, WorldConfig};
 pub use error::WorldError;
 pub use instruments::{
-    HandMoved, SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation,
-    SimulatedThermometer, SimulatedWavemeter,
+    HandMoved, SimulatedCamera, SimulatedDiodeThermometer, SimulatedLaser, SimulatedRail,
+    SimulatedRotation, SimulatedThermometer, SimulatedWavemeter,
 };
 pub use truth::{DotTruth, TargetTruth, TrueCamera, TrueParameters, Truth};
 pub use world::{History, ImagedDot, ImagedTarget, ModuleState, StageHistory, World};

@@ -26,6 +26,7 @@ pub(crate) enum Purpose {
     RotationStop = 35,
     Wavelength = 36,
     Temperature = 37,
+    DiodeTemperature = 38,
     Fault = 48,
 }
 

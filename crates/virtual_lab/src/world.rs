@@ -78,6 +78,8 @@ pub struct History {
     pub wavelength_reads: u64,
     /// Readings of the thermometer.
     pub temperature_reads: u64,
+    /// Readings of the thermometer on the diode.
+    pub diode_temperature_reads: u64,
     /// Pictures of each camera.
     pub triggers: BTreeMap<String, u64>,
     /// How far the fixture was rolled, degrees.
@@ -313,7 +315,7 @@ impl World {
     pub(crate) fn module_at(&self, time: Duration) -> ModuleState {
         let live = self.live();
         let degc = diode::diode_degc(&self.config.diode, &self.config.room, &live.switches, time);
-        let wavelength_nm = diode::wavelength_nm(&self.config.diode, degc);
+        let wavelength_nm = diode::wavelength_nm(&self.config.diode, time, degc);
         let emission = if live.switches.emitting(time) { Emission::On } else { Emission::Off };
         let stages = [live.rail.at(time), live.rotation.at(time)];
         let roll_deg = live.roll_deg(time);
@@ -328,6 +330,12 @@ impl World {
             }
             None => state,
         }
+    }
+
+    /// The diode's temperature at a time of the history, degrees Celsius.
+    pub(crate) fn diode_degc_at(&self, time: Duration) -> f64 {
+        let (diode, room) = (&self.config.diode, &self.config.room);
+        diode::diode_degc(diode, room, &self.live().switches, time)
     }
 
     /// The true beams at a wavelength.

@@ -7,3 +7,4 @@ mod layering;
 mod reading_code;
 mod tidy;
 mod truth;
+mod wavelength_drift;

@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::score::MethodScore;
 use crate::translation::TranslationResult;
 use crate::verdict::Verdict;
+use crate::wavelength_drift::WavelengthDrift;
 
 /// Everything that a report shows.
 #[derive(Debug, Clone)]
@@ -30,6 +31,8 @@ pub struct ReportInput {
     pub captures: Vec<ReportCapture>,
     /// The result, if the experiment is a translation test.
     pub translation: Option<TranslationResult>,
+    /// The result and its series, if the experiment is a wavelength drift.
+    pub drift: Option<WavelengthDrift>,
     /// Against the truth, if somebody knows it; empty otherwise.
     pub scores: BTreeMap<Method, MethodScore>,
     /// Decoded pictures to show; one capture, all cameras is a good choice. They are reduced to

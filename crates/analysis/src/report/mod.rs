@@ -6,6 +6,8 @@
 
 mod axis;
 mod calibration;
+mod drift;
+mod drift_plots;
 mod environment;
 mod field;
 mod input;
@@ -38,13 +40,16 @@ pub fn html(input: &ReportInput) -> String {
         (summary::header(input))
         (summary::verdict(input))
         (translation(input))
+        @if let Some(found) = &input.drift { (drift::section(found)) }
         (scores(input))
         (pictures(input))
         (residuals(input))
         (poses(input))
         (interruptions::interruptions(input))
         section { h2 { "Environment" } (environment::environment(input)) }
-        section { h2 { "Computing time" } (environment::stages(input)) }
+        @if has_captures(input) {
+            section { h2 { "Computing time" } (environment::stages(input)) }
+        }
         section { h2 { "Notes and failures" } (provenance::notes(input)) }
         section { h2 { "Provenance" } (provenance::provenance(&input.provenance)) }
     };
@@ -133,7 +138,15 @@ fn residuals(input: &ReportInput) -> Markup {
     }
 }
 
+/// A drift of the wavelength takes none and misses none; elsewhere their absence is told.
+fn has_captures(input: &ReportInput) -> bool {
+    input.drift.is_none() || !input.captures.is_empty()
+}
+
 fn poses(input: &ReportInput) -> Markup {
+    if !has_captures(input) {
+        return markup! {};
+    }
     markup! {
         section {
             h2 { "Poses" }

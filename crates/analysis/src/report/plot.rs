@@ -27,6 +27,10 @@ pub enum Mark {
     Line(Vec<(f64, f64)>),
     /// A level across the plot, with a text at its right end.
     Level(f64, String),
+    /// A line from bottom to top, with a text at its upper end.
+    Upright(f64, String),
+    /// A filled rectangle: from and to in x, from and to in y.
+    Area([f64; 2], [f64; 2]),
 }
 
 /// A series with its CSS class and its sideways shift in drawing units.
@@ -151,6 +155,10 @@ impl Plot {
                     Mark::Level(value, text) => {
                         @if self.y.shows(*value) { (self.level(*value, text)) }
                     }
+                    Mark::Upright(value, text) => {
+                        @if self.x.shows(*value) { (self.upright(x(*value), text)) }
+                    }
+                    Mark::Area(along, up) => { (self.area(*along, *up)) }
                 }
             }
         }
@@ -167,6 +175,28 @@ impl Plot {
             low = at(low)
         );
         html! { path d=(d) {} }
+    }
+
+    fn upright(&self, x: f64, text: &str) -> Markup {
+        // Where there is no room to the right, the text stands to the left.
+        let (anchor, beside) = if x > 0.7 * self.right() { ("end", -5.0) } else { ("start", 5.0) };
+        html! {
+            line x1=(at(x)) x2=(at(x)) y1=(at(self.height - BOTTOM)) y2=(at(TOP)) {}
+            @if !text.is_empty() {
+                text x=(at(x + beside)) y=(at(TOP + 10.0)) text-anchor=(anchor) { (text) }
+            }
+        }
+    }
+
+    fn area(&self, along: [f64; 2], up: [f64; 2]) -> Markup {
+        let [left, right] = along.map(|v| self.x_at(self.x.clamp(v)));
+        let [low, high] = up.map(|v| self.y_at(self.y.clamp(v)));
+        let (width, height) = (right - left, low - high);
+        html! {
+            @if width > 0.0 && height > 0.0 {
+                rect x=(at(left)) y=(at(high)) width=(at(width)) height=(at(height)) {}
+            }
+        }
     }
 
     fn level(&self, value: f64, text: &str) -> Markup {

@@ -79,6 +79,10 @@ ul.legend svg { display: inline-block; }
 .zero line { stroke: var(--ink); stroke-width: 1; }
 .limit line { stroke: var(--fail); stroke-width: 1.2; stroke-dasharray: 2 3; }
 .limit text { fill: var(--fail); font-size: 12px; }
+.band rect { fill: var(--pass); opacity: .16; }
+.mark line { stroke: var(--pass); stroke-width: 1.2; stroke-dasharray: 5 3; } .mark text { fill: var(--pass); font-size: 12px; }
+.hop line { stroke: var(--fail); stroke-width: 1.1; } .hop text { fill: var(--fail); font-size: 12px; }
+.course polyline, .course line { fill: none; stroke: currentColor; stroke-width: 1.6; stroke-linejoin: round; }
 .picture svg { width: 100%; height: auto; background: #000; }
 .picture circle, .picture path, .picture ellipse { fill: none; vector-effect: non-scaling-stroke; }
 .picture .dot, ul.legend .dot circle { stroke: var(--dot); stroke-width: 1; fill: none; }

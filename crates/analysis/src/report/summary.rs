@@ -23,7 +23,11 @@ pub fn header(input: &ReportInput) -> Markup {
             dl.facts {
                 dt { "date" } dd { (time(&p.opened)) }
                 dt { "session" } dd { code { (p.session) } " (" (p.outcome.as_str()) ")" }
-                dt { "captures" } dd { (solved(input)) }
+                @if let Some(found) = &input.drift {
+                    dt { "readings" } dd { (super::drift::readings(&found.result)) }
+                } @else {
+                    dt { "captures" } dd { (solved(input)) }
+                }
                 @if simulated { dt { "instruments" } dd { "simulated, at least in part" } }
             }
         }

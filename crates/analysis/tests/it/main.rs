@@ -9,3 +9,4 @@ mod score;
 mod synthetic;
 mod table_6_4;
 mod translation;
+mod wavelength_drift;

@@ -274,6 +274,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         methods: Method::USUAL.to_vec(),
         captures,
         translation: None,
+        drift: None,
         scores: BTreeMap::new(),
         pictures: vec![],
         frames_px: BTreeMap::new(),

@@ -20,14 +20,15 @@ use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
 use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
-    BeamConfig, CameraConfig, DiodeConfig, ModuleConfig, PictureConfig, PointingConfig, Polarity,
-    RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig, TargetConfig, TargetRole,
-    ThermometerConfig, WallConfig, WavemeterConfig,
+    BeamConfig, CameraConfig, DiodeConfig, HopAt, ModeHop, ModuleConfig, PictureConfig,
+    PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig,
+    TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::faults::Faults;
 use beampose_virtual_lab::{
-    ErrorDraw, HandMoved, History, SimulatedCamera, SimulatedLaser, SimulatedRail,
-    SimulatedRotation, SimulatedThermometer, SimulatedWavemeter, StageHistory, World, WorldConfig,
+    ErrorDraw, HandMoved, History, SimulatedCamera, SimulatedDiodeThermometer, SimulatedLaser,
+    SimulatedRail, SimulatedRotation, SimulatedThermometer, SimulatedWavemeter, StageHistory,
+    World, WorldConfig,
 };
 use jiff::SignedDuration;
 
@@ -143,6 +144,9 @@ pub fn history<'a>(
         for (name, reading) in earlier.readings.get(&step.number).into_iter().flatten() {
             match reading.quantity {
                 Quantity::Wavelength => history.wavelength_reads += 1,
+                Quantity::Temperature if is_of_a_laser(&checked.rig, name) => {
+                    history.diode_temperature_reads += 1;
+                }
                 Quantity::Temperature => history.temperature_reads += 1,
                 _ => {
                     if let Some(stage) = stage_of(&mut history, checked, name) {
@@ -166,6 +170,11 @@ pub fn history<'a>(
         *history.triggers.entry(camera.to_owned()).or_default() += 1;
     }
     history
+}
+
+/// Whether a sensor is on a laser, not in the room.
+fn is_of_a_laser(rig: &Rig, name: &InstrumentName) -> bool {
+    matches!(rig.instruments.get(name), Some(Instrument::Sensor(sensor)) if sensor.of.is_some())
 }
 
 /// The history of the stage that this axis is in the simulated world.
@@ -262,6 +271,9 @@ fn add_simulated(
             Quantity::Wavelength => {
                 bench.sensors.insert(name, Arc::new(SimulatedWavemeter::new(world, clock)));
             }
+            Quantity::Temperature if sensor.of.is_some() => {
+                bench.sensors.insert(name, Arc::new(SimulatedDiodeThermometer::new(world, clock)));
+            }
             Quantity::Temperature => {
                 bench.sensors.insert(name, Arc::new(SimulatedThermometer::new(world, clock)));
             }
@@ -309,7 +321,8 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
             noise_nm: NOISE_PART * setup.wavelength_u_nm,
             bias_u_nm: (1.0 - NOISE_PART * NOISE_PART).sqrt() * setup.wavelength_u_nm,
         },
-        thermometer: ThermometerConfig { noise_degc: thermometer_u(rig) },
+        thermometer: ThermometerConfig { noise_degc: thermometer_u(rig, |s| s.of.is_none()) },
+        diode_thermometer: ThermometerConfig { noise_degc: thermometer_u(rig, |s| s.of.is_some()) },
         walls: simulation
             .walls
             .iter()
@@ -330,9 +343,9 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
 /// readings of a session share.
 const NOISE_PART: f64 = 0.3;
 
-fn thermometer_u(rig: &Rig) -> f64 {
+fn thermometer_u(rig: &Rig, is_it: impl Fn(&rig::instruments::Sensor) -> bool) -> f64 {
     rig.sensors()
-        .filter(|(_, s)| s.reads == Quantity::Temperature)
+        .filter(|(_, s)| s.reads == Quantity::Temperature && is_it(s))
         .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
         .unwrap_or_default()
 }
@@ -425,7 +438,16 @@ fn diode(rig: &Rig, simulation: &Simulation) -> DiodeConfig {
         self_heating_degc: laser.warm_up.rise.0,
         time_constant_s: laser.warm_up.time_constant.0,
         emission_delay_s,
+        mode_hops: laser.mode_hops.iter().flatten().map(mode_hop).collect(),
     }
+}
+
+fn mode_hop(hop: &rig::simulation::ModeHop) -> ModeHop {
+    let at = match hop.at {
+        rig::simulation::HopAt::Time(time) => HopAt::TimeS(time.0),
+        rig::simulation::HopAt::Temperature(temperature) => HopAt::DiodeDegc(temperature.0),
+    };
+    ModeHop { at, by_nm: hop.by.0 }
 }
 
 /// Grey levels at full scale.

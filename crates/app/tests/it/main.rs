@@ -8,6 +8,7 @@ mod bad_input;
 mod calibrating;
 #[path = "../../../photogrammetry/tests/calibrating/draw.rs"]
 mod draw;
+mod drift;
 mod exchange;
 mod fault_matrix;
 mod lab;

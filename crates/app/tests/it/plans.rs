@@ -21,7 +21,7 @@ fn every_plan_passes_its_check() {
         let ended = lab.beampose(&["check", plan]).expect_code(0);
         assert_eq!(ended.err, "", "{plan}");
         let checked = lab.beampose(&["check", plan, "--json"]).expect_code(0).json();
-        assert!(checked["captures"].as_u64().unwrap() > 0, "{plan}");
+        assert!(!checked["steps"].as_array().unwrap().is_empty(), "{plan}");
         assert_eq!(checked["warnings"].as_array().unwrap().len(), 0, "{plan}");
     }
     let left: Vec<_> = std::fs::read_dir(lab.path("")).unwrap().collect();
@@ -44,6 +44,11 @@ fn every_plan_runs_on_its_rig_solves_all_and_passes() {
         assert_eq!(ended.json()["verdict"], "pass", "{plan}");
         let report = lab.beampose(&["report", "latest", "--json"]).expect_code(0).json();
         assert_eq!(report["solved"], report["captures"], "{plan}");
+        if report["captures"] == 0 {
+            // A drift of the wavelength has readings alone: there is no pose to score.
+            assert_eq!(report["experiment"], "wavelength-drift", "{plan}");
+            continue;
+        }
         let score = lab.beampose(&["score", "latest", "--json"]).expect_code(0).json();
         for (method, of_method) in score["methods"].as_object().unwrap() {
             let nees = of_method["nees_position_mean"].as_f64().unwrap();

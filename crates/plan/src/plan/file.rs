@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use beampose_core::InstrumentName;
-use beampose_core::units::{Millimetre, Second};
+use beampose_core::units::{Millimetre, Nanometre, Second};
 use schemars::{Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 
@@ -58,6 +58,8 @@ words! {
     pub enum Experiment ("a kind of experiment") {
         /// The module moves along a linear axis; the travelled distances are compared with it.
         "translation" => Translation,
+        /// The laser is switched on from cold; what its wavelength does then is followed.
+        "wavelength-drift" => WavelengthDrift,
         /// Pictures and readings are taken and solved; nothing is analysed.
         "acquisition" => Acquisition,
     }
@@ -228,10 +230,12 @@ record! {
 }
 
 choice! {
-    /// What is made of the poses.
+    /// What is made of poses and readings.
     pub enum AnalyseFile ("an analysis") {
         /// Travelled distances against those of an axis.
         "translation" => Translation(TranslationFile),
+        /// The wavelength after the laser was switched on, and what its change does to a measurement.
+        "wavelength-drift" => WavelengthDrift(WavelengthDriftFile),
     }
 }
 
@@ -242,6 +246,25 @@ record! {
         axis: At<InstrumentName>,
         /// The name of the `repeat` whose turns are compared.
         pass: At<String>,
+    }
+}
+
+record! {
+    /// The wavelength over time and temperature.
+    pub struct WavelengthDriftFile {
+        /// The sensor of the wavelength; one of the steps reads it.
+        wavelength: At<InstrumentName>,
+        /// The sensor of the diode's temperature; without it there is no temperature coefficient.
+        diode_temperature: Option<At<InstrumentName>>,
+        /// The sensor of the room's temperature.
+        room_temperature: Option<At<InstrumentName>>,
+        /// How far the module stands from what it shines on, for what is said of its position.
+        distance: Millimetre => positive,
+        /// How long a measurement lasts that follows the warm-up.
+        measurement: Second => positive,
+        /// By how much the wavelength may change during such a measurement: the recommended warm-up
+        /// is the shortest after which it does not change by more.
+        settled_within: Nanometre => positive,
     }
 }
 
@@ -258,6 +281,8 @@ record! {
         ray_fit as "ray-fit": Option<At<Limits>>,
         /// For the adjustment of the whole session.
         session_adjustment as "session-adjustment": Option<At<Limits>>,
+        /// For the drift of the wavelength.
+        wavelength_drift as "wavelength-drift": Option<At<DriftLimits>>,
         /// The least fraction of captures that must be solved, by each method.
         min_solved_fraction: Option<f64> => fraction,
     }
@@ -268,5 +293,20 @@ record! {
     pub struct Limits {
         /// Of the mean difference to the axis at any of its positions.
         max_abs_mean_difference: Option<Millimetre> => positive,
+    }
+}
+
+record! {
+    /// The limits for the drift of the wavelength.
+    pub struct DriftLimits {
+        /// Of the mean drift in an hour after the recommended warm-up, either way.
+        max_drift_per_hour: Option<Nanometre> => positive,
+        /// Of the error of position, at the distance of the analysis, that the change of wavelength
+        /// makes in a measurement after the recommended warm-up.
+        max_position_error: Option<Millimetre> => positive,
+        /// How many mode hops there may be.
+        max_hops: Option<u32>,
+        /// Of the recommended warm-up.
+        max_warm_up: Option<Second> => positive,
     }
 }

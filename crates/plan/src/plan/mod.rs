@@ -1,18 +1,19 @@
 //! The plan: as written in [`mod@file`], as understood here. Only [`read_plan`] makes one.
 
+mod drift;
 pub mod file;
 mod policies;
 pub mod policy;
 mod sweep;
 mod validate;
 
-use beampose_core::units::Second;
+use beampose_core::units::{Millimetre, Nanometre, Second};
 use beampose_core::{InstrumentName, Quantity};
 use serde::Serialize;
 
 use policy::PatienceFile;
 
-pub use file::{Experiment, Limits, Method, PlanFile, Switch};
+pub use file::{DriftLimits, Experiment, Limits, Method, PlanFile, Switch};
 pub(crate) use validate::axis_key;
 
 use crate::fault::{AsRead, At, Fault, Faults, Mark, Source};
@@ -195,7 +196,7 @@ pub enum PlanStepKind {
     },
 }
 
-/// What is made of the poses.
+/// What is made of poses and readings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Analyse {
     /// Travelled distances against those of an axis.
@@ -207,6 +208,25 @@ pub enum Analyse {
         /// The key of the axis in the captures' setpoints, as `rail_mm`.
         axis_key: String,
     },
+    /// The wavelength after the laser was switched on.
+    WavelengthDrift(WavelengthDrift),
+}
+
+/// How the drift of the wavelength is analysed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WavelengthDrift {
+    /// The sensor of the wavelength.
+    pub wavelength: At<InstrumentName>,
+    /// The sensor of the diode's temperature.
+    pub diode_temperature: Option<At<InstrumentName>>,
+    /// The sensor of the room's temperature.
+    pub room_temperature: Option<At<InstrumentName>>,
+    /// How far the module stands from what it shines on.
+    pub distance: Millimetre,
+    /// How long a measurement lasts that follows the warm-up.
+    pub measurement: Second,
+    /// By how much the wavelength may change meanwhile.
+    pub settled_within: Nanometre,
 }
 
 /// When the verdict is pass.
@@ -216,6 +236,8 @@ pub struct Accept {
     pub limits: std::collections::BTreeMap<Method, Limits>,
     /// The least fraction of captures that must be solved, by each method.
     pub min_solved_fraction: Option<f64>,
+    /// Limits of the wavelength's drift.
+    pub drift: Option<DriftLimits>,
 }
 
 /// Reads a plan. `name` is how the file is called in faults.

@@ -44,7 +44,10 @@ pub(super) fn plan(file: PlanFile, reader: &mut Reader) -> Option<Plan> {
     if let Some(kind) = &file.experiment.0 {
         belongs_together(kind, file.analyse.as_ref(), reader);
     }
-    let accept = file.accept.map(|accept| accept_limits(&accept, &methods, reader));
+    let accept = file.accept.map(|accept| {
+        super::drift::limits_belong(&accept, file.analyse.as_ref(), reader);
+        accept_limits(&accept, &methods, reader)
+    });
     Some(Plan {
         source: reader.source.clone(),
         title: file.title.0?,
@@ -72,6 +75,8 @@ pub(super) struct Scope {
     passes: Vec<String>,
     /// All axes swept, with the unit where the values are sound.
     swept: Vec<(InstrumentName, Option<AxisUnit>)>,
+    /// All instruments that are read.
+    pub(super) read: Vec<InstrumentName>,
     captures: usize,
     /// All prompts so far, with what would be an answer.
     pub(super) prompts: BTreeMap<String, Asks>,
@@ -111,7 +116,10 @@ impl Scope {
                 })
                 .flat_map(one)
                 .collect(),
-            StepFile::Read(names) => one(PlanStepKind::Read(distinct(names, reader))),
+            StepFile::Read(names) => {
+                self.read.extend(names.iter().map(|name| name.value.clone()));
+                one(PlanStepKind::Read(distinct(names, reader)))
+            }
             StepFile::Capture(capture) => {
                 self.captures += 1;
                 one(PlanStepKind::Capture(match &capture.cameras {
@@ -298,7 +306,12 @@ fn analyse(
     scope: &Scope,
     reader: &mut Reader,
 ) -> Option<Analyse> {
-    let AnalyseFile::Translation(translation) = &analyse?.value;
+    let translation = match &analyse?.value {
+        AnalyseFile::Translation(translation) => translation,
+        AnalyseFile::WavelengthDrift(drift) => {
+            return Some(Analyse::WavelengthDrift(super::drift::analysis(drift, scope, reader)));
+        }
+    };
     let (axis, pass) = (&translation.axis, &translation.pass);
     if !pass.value.is_empty() && !scope.passes.contains(&pass.value) {
         let help = suggest::help(&pass.value, scope.passes.iter().map(String::as_str));
@@ -318,21 +331,42 @@ fn analyse(
     Some(Analyse::Translation { axis: axis.clone(), pass: pass.value.clone(), axis_key })
 }
 
+/// The kind of experiment and its analysis are named apart: they must agree.
 fn belongs_together(
     experiment: &At<Experiment>,
     analyse: Option<&At<AnalyseFile>>,
     reader: &mut Reader,
 ) {
-    match (experiment.value, analyse) {
-        (Experiment::Translation, None) => {
-            let help = "as in `analyse: {translation: {axis: rail, pass: pass}}`".to_owned();
-            let message = "a translation needs `analyse`".to_owned();
-            reader.fault_help(experiment.mark, message, Some(help));
+    let needed = match experiment.value {
+        Experiment::Translation => Some((
+            "a translation needs `analyse`",
+            "as in `analyse: {translation: {axis: rail, pass: pass}}`",
+        )),
+        Experiment::WavelengthDrift => Some(super::drift::NEEDED),
+        Experiment::Acquisition => None,
+    };
+    match (needed, analyse) {
+        (Some((message, help)), None) => {
+            reader.fault_help(experiment.mark, message.to_owned(), Some(help.to_owned()));
         }
-        (Experiment::Acquisition, Some(analyse)) => {
-            reader.fault(analyse.mark, "an acquisition is not analysed");
+        (None, Some(analyse)) => reader.fault(analyse.mark, "an acquisition is not analysed"),
+        (Some(_), Some(analyse)) if kind(&analyse.value) != experiment.value => {
+            let message = format!(
+                "the experiment is a `{}`, its analysis that of a `{}`",
+                experiment.value.as_str(),
+                kind(&analyse.value).as_str()
+            );
+            reader.fault(analyse.mark, message);
         }
-        (Experiment::Translation, Some(_)) | (Experiment::Acquisition, None) => {}
+        _ => {}
+    }
+}
+
+/// The experiment that an analysis belongs to.
+const fn kind(analyse: &AnalyseFile) -> Experiment {
+    match analyse {
+        AnalyseFile::Translation(_) => Experiment::Translation,
+        AnalyseFile::WavelengthDrift(_) => Experiment::WavelengthDrift,
     }
 }
 
@@ -354,5 +388,6 @@ fn accept_limits(file: &AcceptFile, methods: &[Method], reader: &mut Reader) -> 
         }
         accept.limits.insert(method, limits.value.clone());
     }
+    accept.drift = file.wavelength_drift.as_ref().map(|limits| limits.value.clone());
     accept
 }

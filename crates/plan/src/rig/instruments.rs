@@ -2,8 +2,8 @@
 //!
 //! To add a kind: a record here, a line in [`Instrument`], a trait in `core`.
 
-use beampose_core::Quantity;
 use beampose_core::units::{Degree, Milliampere, Millimetre, Nanometre, Second};
+use beampose_core::{InstrumentName, Quantity};
 use schemars::{Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 
@@ -198,6 +198,8 @@ record! {
         address: Option<String>,
         /// What it reads.
         reads: Quantity,
+        /// Of which laser: a thermometer on its diode. Without it a thermometer reads that of the room.
+        of: Option<At<InstrumentName>>,
         /// Standard uncertainty of a reading.
         u: Option<At<SensorUncertainty>>,
         /// How long a reading takes.

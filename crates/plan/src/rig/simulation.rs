@@ -7,10 +7,15 @@ use std::collections::BTreeMap;
 
 use beampose_core::InstrumentName;
 use beampose_core::units::{Celsius, Degree, Millimetre, Nanometre, Second};
+use schemars::{Schema, SchemaGenerator, json_schema};
+use serde::Serialize;
 
 use crate::fault::At;
-use crate::quantity::{Kelvin, Pixel};
-use crate::reader::{fraction, not_negative, percent, positive, unit_range};
+use crate::quantity::{Kelvin, Pixel, TEMPERATURE, TIME, parse};
+use crate::reader::{
+    Read, Reader, fraction, not_negative, percent, positive, quantity_of, unit_range,
+};
+use crate::tree::{Node, Value};
 
 record! {
     /// The simulated world.
@@ -182,8 +187,46 @@ record! {
         warm_up: WarmUp,
         /// How the room's temperature drifts from the session's beginning.
         room: RoomDrift,
+        /// Where its wavelength hops from mode to mode; without it nowhere.
+        mode_hops: Option<Vec<ModeHop>>,
         /// The beams.
         beam: Beam,
+    }
+}
+
+record! {
+    /// From there on the wavelength is another one.
+    pub struct ModeHop {
+        /// When, from the session's beginning (`40 min`); or at which temperature of the diode
+        /// (`25 degC`): it hops back when the diode cools below it.
+        at: HopAt,
+        /// By how much longer it is then; below zero where it is shorter.
+        by: Nanometre,
+    }
+}
+
+/// Where a wavelength hops: the unit says whether it is a moment or a temperature.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HopAt {
+    /// A time since the session began.
+    Time(Second),
+    /// A temperature of the diode.
+    Temperature(Celsius),
+}
+
+impl Read for HopAt {
+    fn read(node: &Node, reader: &mut Reader) -> Option<Self> {
+        let is_temperature =
+            matches!(&node.value, Value::Text(text) if parse(text, &TEMPERATURE).is_ok());
+        if is_temperature {
+            return quantity_of(node, &TEMPERATURE, reader).map(|n| Self::Temperature(Celsius(n)));
+        }
+        quantity_of(node, &TIME, reader).map(|n| Self::Time(Second(n)))
+    }
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "examples": ["40 min", "25 degC"] })
     }
 }
 

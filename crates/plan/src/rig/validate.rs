@@ -25,7 +25,7 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     let none = At { value: Instruments::new(), mark: Mark::default() };
     let instruments = file.instruments.0.as_ref().unwrap_or(&none);
     for instrument in instruments.value.values() {
-        instrument_itself(&instrument.value, reader);
+        instrument_itself(&instrument.value, &instruments.value, reader);
     }
     if let Some(clock) = &file.clock.0 {
         virtual_time_needs_simulation(clock, &instruments.value, reader);
@@ -57,7 +57,7 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     })
 }
 
-fn instrument_itself(instrument: &Instrument, reader: &mut Reader) {
+fn instrument_itself(instrument: &Instrument, all: &Instruments, reader: &mut Reader) {
     match instrument {
         Instrument::LinearAxis(axis) => {
             let (from, to) = (axis.travel.value.from, axis.travel.value.to);
@@ -67,7 +67,10 @@ fn instrument_itself(instrument: &Instrument, reader: &mut Reader) {
             let (from, to) = (axis.travel.value.from, axis.travel.value.to);
             upwards(from.0, to.0, axis.travel.mark, reader);
         }
-        Instrument::Sensor(sensor) => sensor_unit(sensor, reader),
+        Instrument::Sensor(sensor) => {
+            sensor_unit(sensor, reader);
+            sensor_of(sensor, all, reader);
+        }
         Instrument::Laser(_) | Instrument::Camera(_) => {}
     }
 }
@@ -84,6 +87,13 @@ fn sensor_unit(sensor: &Sensor, reader: &mut Reader) {
         let (reads, of) = (sensor.reads.name(), u.value.quantity().name());
         reader.fault(u.mark, format!("the sensor reads a {reads}, its `u` is of a {of}"));
     }
+}
+
+/// What a sensor is of is one of the rig's lasers.
+fn sensor_of(sensor: &Sensor, instruments: &Instruments, reader: &mut Reader) {
+    let Some(of) = &sensor.of else { return };
+    let is_laser = |at: &At<Instrument>| matches!(at.value, Instrument::Laser(_));
+    named_instrument(of, "laser", &is_laser, instruments, reader);
 }
 
 fn virtual_time_needs_simulation(
@@ -207,38 +217,33 @@ fn carrying_axis(module: &SimulatedModule, instruments: &Instruments, reader: &m
     let is_linear = |at: &At<Instrument>| matches!(at.value, Instrument::LinearAxis(_));
     let is_rotary = |at: &At<Instrument>| matches!(at.value, Instrument::RotaryAxis(_));
     if let Some(axis) = &module.axis {
-        named_axis(axis, "linear", &is_linear, instruments, reader);
+        named_instrument(axis, "linear axis", &is_linear, instruments, reader);
     }
     if let Some(turntable) = &module.turntable {
-        named_axis(&turntable.axis, "rotary", &is_rotary, instruments, reader);
+        named_instrument(&turntable.axis, "rotary axis", &is_rotary, instruments, reader);
     }
 }
 
-fn named_axis(
-    axis: &At<InstrumentName>,
+fn named_instrument(
+    named: &At<InstrumentName>,
     kind: &str,
-    is_axis: &dyn Fn(&At<Instrument>) -> bool,
+    fits: &dyn Fn(&At<Instrument>) -> bool,
     instruments: &Instruments,
     reader: &mut Reader,
 ) {
-    let name = axis.value.as_str();
-    if !name.is_empty() && !instruments.get(name).is_some_and(is_axis) {
-        let axes = instruments.iter().filter(|(_, at)| is_axis(at)).map(|(name, _)| name.as_str());
-        let help = suggest::help(name, axes);
-        reader.fault_help(axis.mark, format!("no {kind} axis `{name}`"), help);
+    let name = named.value.as_str();
+    if !name.is_empty() && !instruments.get(name).is_some_and(fits) {
+        let fitting = instruments.iter().filter(|(_, at)| fits(at)).map(|(name, _)| name.as_str());
+        let help = suggest::help(name, fitting);
+        reader.fault_help(named.mark, format!("no {kind} `{name}`"), help);
     }
 }
 
 fn goniometer_of(goniometer: &Goniometer, instruments: &Instruments, reader: &mut Reader) {
     let is_rotary = |at: &At<Instrument>| matches!(at.value, Instrument::RotaryAxis(_));
     let is_camera = |at: &At<Instrument>| matches!(at.value, Instrument::Camera(_));
-    named_axis(&goniometer.axis, "rotary", &is_rotary, instruments, reader);
-    let (name, mark) = (goniometer.camera.value.as_str(), goniometer.camera.mark);
-    if !name.is_empty() && !instruments.get(name).is_some_and(is_camera) {
-        let cameras = instruments.iter().filter(|(_, at)| is_camera(at)).map(|(n, _)| n.as_str());
-        let help = suggest::help(name, cameras);
-        reader.fault_help(mark, format!("no camera `{name}`"), help);
-    }
+    named_instrument(&goniometer.axis, "rotary axis", &is_rotary, instruments, reader);
+    named_instrument(&goniometer.camera, "camera", &is_camera, instruments, reader);
     let [x, y] = goniometer.px_per_degree;
     if x.0 == 0.0 && y.0 == 0.0 {
         reader.fault(goniometer.axis.mark, "`px_per_degree` must not be zero");

@@ -46,6 +46,11 @@ impl WorldConfig {
         positive("diode.wavelength_nm", self.diode.wavelength_nm)?;
         positive("diode.time_constant_s", self.diode.time_constant_s)?;
         not_negative("diode.emission_delay_s", self.diode.emission_delay_s)?;
+        not_negative("diode_thermometer.noise_degc", self.diode_thermometer.noise_degc)?;
+        for (i, hop) in self.diode.mode_hops.iter().enumerate() {
+            let what = format!("diode.mode_hops[{i}].by_nm");
+            require(hop.by_nm.is_finite(), &what, hop.by_nm, "a number")?;
+        }
         if let Some(rail) = &self.rail {
             check_rail(rail)?;
         }

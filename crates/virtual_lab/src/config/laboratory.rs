@@ -40,6 +40,7 @@ impl WorldConfig {
             room: RoomConfig::default(),
             wavemeter: WavemeterConfig { noise_nm: 0.01, bias_u_nm: 0.1 },
             thermometer: ThermometerConfig { noise_degc: 0.05 },
+            diode_thermometer: ThermometerConfig { noise_degc: 0.02 },
             walls: vec![WallConfig {
                 point_mm: [0.0, 0.0, 0.0],
                 normal: [0.0, 0.0, 1.0],
@@ -66,6 +67,7 @@ impl Default for DiodeConfig {
             self_heating_degc,
             time_constant_s: 25.0 * 60.0,
             emission_delay_s: 0.5,
+            mode_hops: Vec::new(),
         }
     }
 }

@@ -38,6 +38,8 @@ pub struct WorldConfig {
     pub wavemeter: WavemeterConfig,
     /// The thermometer.
     pub thermometer: ThermometerConfig,
+    /// The thermometer on the diode.
+    pub diode_thermometer: ThermometerConfig,
     /// The walls.
     pub walls: Vec<WallConfig>,
     /// Coded targets: those of the artefact and tie targets.
@@ -158,7 +160,7 @@ pub struct PointingConfig {
 }
 
 /// The laser diode: its wavelength follows its temperature, that of the room plus self-heating.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DiodeConfig {
     /// Wavelength in vacuum at `reference_degc`, nm.
@@ -173,6 +175,28 @@ pub struct DiodeConfig {
     pub time_constant_s: f64,
     /// From the command to light, seconds.
     pub emission_delay_s: f64,
+    /// Where it hops from mode to mode.
+    pub mode_hops: Vec<ModeHop>,
+}
+
+/// A mode hop: beyond it the wavelength is another one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModeHop {
+    /// Where it is.
+    pub at: HopAt,
+    /// By how much longer the wavelength is beyond it, nm.
+    pub by_nm: f64,
+}
+
+/// Where a mode hop is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HopAt {
+    /// From this time of the world on, seconds.
+    TimeS(f64),
+    /// While the diode is at least so warm, degrees Celsius.
+    DiodeDegc(f64),
 }
 
 /// The room.
@@ -195,7 +219,7 @@ pub struct WavemeterConfig {
     pub bias_u_nm: f64,
 }
 
-/// The thermometer in the room.
+/// A thermometer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ThermometerConfig {

@@ -10,7 +10,7 @@ mod stages;
 
 pub use camera::SimulatedCamera;
 pub use laser::SimulatedLaser;
-pub use sensors::{SimulatedThermometer, SimulatedWavemeter};
+pub use sensors::{SimulatedDiodeThermometer, SimulatedThermometer, SimulatedWavemeter};
 pub use stages::{HandMoved, SimulatedRail, SimulatedRotation};
 
 use beampose_core::Identity;

@@ -1,4 +1,4 @@
-//! Wavelength meter and thermometer.
+//! Wavelength meter and thermometers.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,6 +27,13 @@ pub struct SimulatedThermometer {
     reads: AtomicU64,
 }
 
+/// The thermometer on the laser's diode.
+pub struct SimulatedDiodeThermometer {
+    world: Arc<World>,
+    clock: Arc<dyn Clock>,
+    reads: AtomicU64,
+}
+
 impl SimulatedWavemeter {
     /// The world's wavelength meter.
     #[must_use]
@@ -41,6 +48,15 @@ impl SimulatedThermometer {
     #[must_use]
     pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Self {
         let reads = AtomicU64::new(world.history().temperature_reads);
+        Self { world, clock, reads }
+    }
+}
+
+impl SimulatedDiodeThermometer {
+    /// The world's thermometer on the diode.
+    #[must_use]
+    pub fn new(world: Arc<World>, clock: Arc<dyn Clock>) -> Self {
+        let reads = AtomicU64::new(world.history().diode_temperature_reads);
         Self { world, clock, reads }
     }
 }
@@ -89,6 +105,26 @@ impl Sensor for SimulatedThermometer {
         let sigma = self.world.config.thermometer.noise_degc;
         let noise = sigma * next_noise(&self.world, Purpose::Temperature, &self.reads);
         let value = diode::room_degc(&self.world.config.room, at.monotonic) + noise;
+        let standard_uncertainty = Some(sigma);
+        Ok(Reading { quantity: Quantity::Temperature, value, standard_uncertainty, at })
+    }
+}
+
+#[async_trait]
+impl Instrument for SimulatedDiodeThermometer {
+    async fn identify(&self) -> Result<Identity, InstrumentError> {
+        Ok(identity("thermometer on the diode"))
+    }
+}
+
+#[async_trait]
+impl Sensor for SimulatedDiodeThermometer {
+    /// The diode has a temperature in the dark too: that of the room in the end.
+    async fn read(&self) -> Result<Reading, InstrumentError> {
+        let at = self.clock.now();
+        let sigma = self.world.config.diode_thermometer.noise_degc;
+        let noise = sigma * next_noise(&self.world, Purpose::DiodeTemperature, &self.reads);
+        let value = self.world.diode_degc_at(at.monotonic) + noise;
         let standard_uncertainty = Some(sigma);
         Ok(Reading { quantity: Quantity::Temperature, value, standard_uncertainty, at })
     }

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use beampose_analysis::Comparison;
 use beampose_analysis::compare::{PoseComparison, Side, compare};
-use beampose_analysis::{Comparison, TranslationResult};
 use beampose_photogrammetry::Setup;
 use beampose_store::{ProcessingId, Store};
 use serde_json::{Value, json};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::{outcome, plain_table, right};
 use crate::cli::{Database, Ended, close, find};
 use crate::output::{Exit, print};
-use crate::session_report::{Loaded, load, load_processing};
+use crate::session_report::{Analysed, Loaded, load, load_processing};
 
 /// Compare two sessions, or two processings of one
 ///
@@ -41,14 +41,14 @@ impl Compare {
         let a = one(&store, &self.a, None).await?;
         let b = one(&store, &self.b, Some(&self.a)).await?;
         close(store).await;
-        let (results_a, results_b) = (a.translation(), b.translation());
+        let (results_a, results_b) = (a.analysed(), b.analysed());
         let side = |loaded: &'_ Loaded| loaded.captures.clone();
         let (captures_a, captures_b) = (side(&a), side(&b));
         let comparison = compare(
-            &Side { captures: &captures_a, translation: results_a.as_ref() },
-            &Side { captures: &captures_b, translation: results_b.as_ref() },
+            &Side { captures: &captures_a, translation: results_a.translation.as_ref() },
+            &Side { captures: &captures_b, translation: results_b.translation.as_ref() },
         );
-        let settings = [settings(&a, results_a.as_ref())?, settings(&b, results_b.as_ref())?];
+        let settings = [settings(&a, &results_a)?, settings(&b, &results_b)?];
         if self.json {
             print(&object(&settings, &comparison)?.to_string());
         } else {
@@ -85,7 +85,7 @@ async fn one(store: &Store, word: &str, other: Option<&str>) -> Result<Loaded, E
 /// What a side was made with, by name, in the order in which it is shown.
 type Settings = Vec<(&'static str, String)>;
 
-fn settings(loaded: &Loaded, result: Option<&TranslationResult>) -> Result<Settings, Ended> {
+fn settings(loaded: &Loaded, result: &Analysed) -> Result<Settings, Ended> {
     let header = &loaded.session.header;
     let start = &loaded.processing.start;
     let short = |bytes: &[u8]| blake3::hash(bytes).to_hex()[..12].to_owned();
