@@ -7,6 +7,7 @@
 mod axis;
 mod calibration;
 mod environment;
+mod fan;
 mod field;
 mod input;
 mod interruptions;
@@ -23,6 +24,7 @@ mod tables;
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
+pub use fan::{FanReport, fan_html};
 pub use input::{
     Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
 };

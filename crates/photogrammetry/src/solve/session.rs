@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 
 use beampose_core::Pose;
-use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::knocks::unmoved_from;
 use super::outcome::pose;
@@ -54,6 +54,8 @@ pub struct SessionSolution {
     pub outliers: usize,
     /// Cameras that stood or looked otherwise from some capture on.
     pub knocks: Vec<Knock>,
+    /// The fan's common scale and the errors of its beams, against the pattern of the setup.
+    pub fan: SharedFan,
     modules: Vec<Option<usize>>,
     summary: Summary,
 }
@@ -65,6 +67,12 @@ impl SessionSolution {
     pub fn between(&self, a: usize, b: usize) -> Option<Matrix6<f64>> {
         let (a, b) = ((*self.modules.get(a)?)?, (*self.modules.get(b)?)?);
         self.summary.covariance.between_modules(a, b)
+    }
+
+    /// Covariance of [`Self::fan`]: its scale, then the direction cosines (x, y) of each beam.
+    #[must_use]
+    pub fn fan_covariance(&self) -> Option<DMatrix<f64>> {
+        self.summary.covariance.fan()
     }
 }
 
@@ -94,7 +102,8 @@ pub fn solve_session(
         .collect();
     let outliers = summary.outlier_images.len() + summary.outlier_beams.len();
     let sigma0 = summary.sigma0();
-    Ok(SessionSolution { poses, sigma0, outliers, knocks, modules, summary })
+    let fan = problem.fan;
+    Ok(SessionSolution { poses, sigma0, outliers, knocks, fan, modules, summary })
 }
 
 fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {

@@ -5,7 +5,8 @@
 //! `measured` is what was read, `geometry` how far a stage turns between two beams, `models` how
 //! directions follow from a few parameters, `means` the correction to the reference wavelength, `fit`
 //! the weighted least squares, `choice` which model to take, `result` the pattern that follows,
-//! `budget` what a single angle is worth (Table 4.1). Radians and millimetres; nothing here opens a
+//! `budget` what a single angle is worth (Table 4.1). `from_session` needs no stage: the fan as the
+//! photographs of a session show it. Radians and millimetres; nothing here opens a
 //! file.
 //!
 //! To add a model of the fan: a variant of [`FanModel`] with its parameters and tangents.
@@ -13,6 +14,7 @@
 mod budget;
 mod choice;
 mod fit;
+mod from_session;
 mod geometry;
 mod means;
 mod measured;
@@ -22,6 +24,7 @@ mod result;
 pub use budget::{Budget, BudgetSizes, BudgetSource, budget};
 pub use choice::{Candidate, choose};
 pub use fit::{FanFit, FanFitError, Nuisance, fit_fan};
+pub use from_session::{FanPrior, SessionFan, fan_of_session};
 pub use geometry::{
     StageGeometry, along_misalignment, cross_misalignment, dot_across, dot_height,
     wavelength_change,
