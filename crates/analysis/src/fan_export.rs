@@ -1,11 +1,13 @@
 //! A calibrated fan as JSON, for programs: the parameters with their covariance, random and shared
 //! parts apart, beside the pattern file.
 
-use beampose_photogrammetry::calibrate::pattern::{Budget, Candidate, FanFit, MeanAngle};
+use beampose_photogrammetry::calibrate::pattern::{
+    AngleOfPair, Budget, Candidate, FanFit, FanPrior, MeanAngle, SessionFan,
+};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
-use crate::report::FanReport;
+use crate::report::{FanReport, InputFile};
 
 /// A calibration with everything that it is worth. Angles are in degrees; covariances are those of the
 /// parameters as they are named.
@@ -31,15 +33,54 @@ pub fn fan_json(input: &FanReport) -> Value {
         "beam_sigma_deg": found.beam_sigma.to_degrees(),
         "means": found.means.iter().zip(&found.corrected).zip(&found.fit.residuals)
             .map(|((m, c), r)| mean(m, *c, *r)).collect::<Vec<_>>(),
-        "angles": found.angles.iter().map(|a| json!({
+        "angles": angles(&found.angles),
+        "budget": budget(input.budget),
+    })
+}
+
+fn angles(angles: &[AngleOfPair]) -> Vec<Value> {
+    let one = |a: &AngleOfPair| {
+        json!({
             "from": [a.pair.a.m, a.pair.a.n],
             "to": [a.pair.b.m, a.pair.b.n],
             "angle_deg": a.angle.to_degrees(),
             "u_deg": a.u.to_degrees(),
             "u_random_deg": a.u_random.to_degrees(),
             "u_shared_deg": a.u_shared.to_degrees(),
-        })).collect::<Vec<_>>(),
-        "budget": budget(input.budget),
+        })
+    };
+    angles.iter().map(one).collect()
+}
+
+/// A fan calibrated from sessions: what was known of it before, how many captures, which sessions. The
+/// covariance is that of the beams' direction cosines, (x, y) of each row by row.
+#[must_use]
+pub fn session_fan_json(
+    name: &str,
+    software: &str,
+    found: &SessionFan,
+    (prior, captures, inputs): (FanPrior, usize, &[InputFile]),
+) -> Value {
+    let pattern = &found.pattern;
+    let rows: Vec<Vec<f64>> =
+        found.covariance.row_iter().map(|r| r.iter().copied().collect()).collect();
+    json!({
+        "name": name,
+        "software": software,
+        "sessions": inputs.iter()
+            .map(|i| json!({ "session": i.name, "plan_blake3": i.blake3 })).collect::<Vec<_>>(),
+        "captures": captures,
+        "columns": pattern.columns,
+        "rows": pattern.rows,
+        "reference_wavelength_nm": pattern.reference_wavelength_nm,
+        "prior": { "scale_relative": prior.scale, "beam_deg": prior.beam.to_degrees() },
+        "scale_change_relative": found.scale,
+        "scale_relative_u": found.scale_u,
+        "scale_told_by_pictures": found.scale_told,
+        "sigma0": found.sigma0,
+        "u": { "angle_deg": pattern.u.angle_deg, "common_relative": pattern.u.common_relative },
+        "angles": angles(&found.angles),
+        "covariance_of_cosines": rows,
     })
 }
 

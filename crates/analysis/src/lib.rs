@@ -21,7 +21,7 @@ mod verdict;
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv};
-pub use fan_export::fan_json;
+pub use fan_export::{fan_json, session_fan_json};
 pub use fit::LineFit;
 pub use report::{
     CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, calibration_html, fan_html,

@@ -94,7 +94,8 @@ impl Covariance {
     pub fn fan(&self) -> Option<DMatrix<f64>> {
         let common = self.common()?;
         let beams = (self.layout.fan_beams..self.layout.fan_end()).map(Some);
-        let places: Vec<Option<usize>> = std::iter::once(self.layout.fan_scale).chain(beams).collect();
+        let places: Vec<Option<usize>> =
+            std::iter::once(self.layout.fan_scale).chain(beams).collect();
         let value = |r: usize, c: usize| match (places[r], places[c]) {
             (Some(r), Some(c)) => common[(r, c)],
             _ => 0.0,

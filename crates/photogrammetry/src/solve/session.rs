@@ -84,12 +84,25 @@ pub fn solve_session(
     setup: &Setup,
     captures: &[SolvedCapture<'_>],
 ) -> Result<SessionSolution, String> {
+    solve_session_with(setup, captures, &Options::default())
+}
+
+/// As [`solve_session`]. A fan of which little is known before leaves a long curved valley (it may
+/// stretch while the module comes nearer), which takes many iterations.
+///
+/// # Errors
+/// Why there is no solution, in words.
+pub fn solve_session_with(
+    setup: &Setup,
+    captures: &[SolvedCapture<'_>],
+    options: &Options,
+) -> Result<SessionSolution, String> {
     let mut builder = Builder::new(setup, captures)?;
     let modules: Vec<Option<usize>> =
         captures.iter().enumerate().map(|(i, c)| builder.add_capture(i, c)).collect();
     let knocks = builder.knocks();
     let mut problem = builder.problem;
-    let summary = adjust(&mut problem, &Options::default())
+    let summary = adjust(&mut problem, options)
         .map_err(|error| format!("the session's adjustment failed: {error}"))?;
     let poses = modules
         .iter()

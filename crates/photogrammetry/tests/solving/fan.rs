@@ -1,10 +1,8 @@
 //! The fan from a session's photographs, against the one that was drawn.
 
-use beampose_photogrammetry::calibrate::pattern::{FanPrior, SessionFan, fan_of_session};
+use beampose_photogrammetry::calibrate::pattern::{FanPrior, SessionFan, calibrate_from_session};
 use beampose_photogrammetry::pattern::{angle_between, neighbour_pairs};
-use beampose_photogrammetry::solve::{
-    CaptureSolution, Method, SolvedCapture, solve_capture, solve_session,
-};
+use beampose_photogrammetry::solve::{CaptureSolution, Method, SolvedCapture, solve_capture};
 use nalgebra::Vector3;
 
 use crate::scene::Laboratory;
@@ -19,16 +17,20 @@ fn six_passes(laboratory: &Laboratory, seed: u64, turns_deg: &[f64]) -> Vec<Capt
     let turned = turns_deg.iter().enumerate().map(|(k, turn)| {
         solve(&laboratory.capture_turned(1000 * seed + 700 + k as u64, 450.0, *turn).0)
     });
-    let stops = (0..60).map(|k| solve(&laboratory.capture(1000 * seed + k, 100.0 * (k % 10) as f64).0));
+    let stops =
+        (0..60).map(|k| solve(&laboratory.capture(1000 * seed + k, 100.0 * (k % 10) as f64).0));
     turned.chain(stops).collect()
 }
 
-fn calibrate(laboratory: &Laboratory, solutions: &[CaptureSolution], prior: FanPrior) -> SessionFan {
-    let setup = prior.weaken(&laboratory.setup);
+fn calibrate(
+    laboratory: &Laboratory,
+    solutions: &[CaptureSolution],
+    prior: FanPrior,
+) -> SessionFan {
     let wavelength_nm = Some(laboratory.read_nm());
     let captures: Vec<SolvedCapture<'_>> =
         solutions.iter().map(|solution| SolvedCapture { solution, wavelength_nm }).collect();
-    fan_of_session(&setup, &solve_session(&setup, &captures).unwrap()).unwrap()
+    calibrate_from_session(&laboratory.setup, &captures, prior).unwrap()
 }
 
 /// Errors of the angles at the reference wavelength: radians, over the stated standard uncertainty.

@@ -115,8 +115,8 @@ fn parameters(input: &FanReport) -> Markup {
                 @let random = fit.random[(i, i)].max(0.0).sqrt() * p.slope.abs();
                 @let common = (total * total - random * random).max(0.0).sqrt();
                 tr {
-                    th { (p.name) } td { (number(p.value, total)) }
-                    @for u in [random, common, total, 2.0 * total] { td { (number(u, total)) } }
+                    th { (p.name) } td { (number(p.value, total, 4)) }
+                    @for u in [random, common, total, 2.0 * total] { td { (number(u, total, 1)) } }
                 }
             } }
         }
@@ -131,10 +131,10 @@ fn parameters(input: &FanReport) -> Markup {
     }
 }
 
-/// A number with two digits of its uncertainty; very small ones as powers of ten.
-fn number(value: f64, u: f64) -> String {
+/// A number with two digits of its uncertainty; very small ones as powers of ten with `places`.
+fn number(value: f64, u: f64, places: usize) -> String {
     if value != 0.0 && u.abs() < 1e-8 {
-        return format!("{value:.4e}").replace('-', "\u{2212}");
+        return format!("{value:.places$e}").replace('-', "\u{2212}");
     }
     fixed(value, fine_decimals(u))
 }

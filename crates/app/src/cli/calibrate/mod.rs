@@ -25,16 +25,16 @@ pub struct Calibrate {
 enum Command {
     Camera(camera::Camera),
     Compare(compare::Compare),
-    Pattern(pattern::Pattern),
+    Pattern(Box<pattern::Pattern>),
     Sheet(sheet::Sheet),
 }
 
 impl Calibrate {
-    pub fn execute(&self) -> Result<Exit, Ended> {
+    pub async fn execute(&self) -> Result<Exit, Ended> {
         match &self.command {
             Command::Camera(camera) => camera.execute(),
             Command::Compare(compare) => compare.execute(),
-            Command::Pattern(pattern) => pattern.execute(),
+            Command::Pattern(pattern) => pattern.execute().await,
             Command::Sheet(sheet) => sheet.execute(),
         }
     }

@@ -13,9 +13,13 @@
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
 use super::AngleOfPair;
+use crate::adjust::Options;
 use crate::pattern::{Pattern, PatternModel, PatternUncertainty, angle_between, neighbour_pairs};
 use crate::scene::Setup;
-use crate::solve::SessionSolution;
+use crate::solve::{SessionSolution, SolvedCapture, solve_session_with};
+
+/// Along the valley that a weak prior leaves open, steps are short.
+const MAX_ITERATIONS: usize = 1000;
 
 /// What is known of the fan before a session is asked.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +42,8 @@ impl FanPrior {
     #[must_use]
     pub fn weaken(&self, setup: &Setup) -> Setup {
         let mut weak = setup.clone();
-        let u = PatternUncertainty { angle_deg: self.beam.to_degrees(), common_relative: self.scale };
+        let u =
+            PatternUncertainty { angle_deg: self.beam.to_degrees(), common_relative: self.scale };
         weak.pattern.u = u;
         weak
     }
@@ -61,6 +66,23 @@ pub struct SessionFan {
     pub covariance: DMatrix<f64>,
     /// Root of the a posteriori variance of unit weight of the session.
     pub sigma0: f64,
+}
+
+/// Calibrates the fan from a session's captures: adjusts them together with what `prior` leaves open
+/// of the pattern, and reads the fan out of it.
+///
+/// # Errors
+/// Why there is no fan, in words.
+pub fn calibrate_from_session(
+    setup: &Setup,
+    captures: &[SolvedCapture<'_>],
+    prior: FanPrior,
+) -> Result<SessionFan, String> {
+    let weak = prior.weaken(setup);
+    let options = Options { max_iterations: MAX_ITERATIONS, ..Options::default() };
+    let solution = solve_session_with(&weak, captures, &options)?;
+    fan_of_session(&weak, &solution)
+        .ok_or_else(|| "the fan is not determined by these captures".to_owned())
 }
 
 /// Reads the fan out of a session that was adjusted with `setup`, whose pattern's uncertainty is the

@@ -24,7 +24,7 @@ mod result;
 pub use budget::{Budget, BudgetSizes, BudgetSource, budget};
 pub use choice::{Candidate, choose};
 pub use fit::{FanFit, FanFitError, Nuisance, fit_fan};
-pub use from_session::{FanPrior, SessionFan, fan_of_session};
+pub use from_session::{FanPrior, SessionFan, calibrate_from_session, fan_of_session};
 pub use geometry::{
     StageGeometry, along_misalignment, cross_misalignment, dot_across, dot_height,
     wavelength_change,

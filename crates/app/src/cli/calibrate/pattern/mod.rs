@@ -1,8 +1,9 @@
 //! `beampose calibrate pattern`.
 
+mod session;
 mod told;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use beampose_analysis::{FanReport, fan_html, fan_json};
 use beampose_photogrammetry::calibrate::pattern::{
@@ -12,6 +13,7 @@ use beampose_photogrammetry::calibrate::pattern::{
 use beampose_photogrammetry::pattern::write_pattern;
 
 use self::told::in_words;
+use super::super::Database;
 use super::camera::{is_file_name, named};
 use super::{Ended, put};
 use crate::camera_calibration::{input, text_of};
@@ -21,7 +23,7 @@ use crate::pipeline::SOFTWARE;
 /// Draws of each line of the budget: its root mean square is then good to half a percent.
 const DRAWS: usize = 20_000;
 
-/// Calibrate the fan of beams from angles that were measured on a rotation stage
+/// Calibrate the fan of beams from angles that were measured on a rotation stage, or from sessions
 ///
 /// MEASURED is a CSV file, one line a measurement under a heading that names the columns in any order:
 ///
@@ -43,12 +45,31 @@ const DRAWS: usize = 20_000;
 /// Into the folder --out go NAME.yaml (the pattern, as rigs and `solve --with-pattern` take it),
 /// NAME_angles.csv (all angles between neighbours with their standard uncertainties), NAME.json (all
 /// of it, with the covariance of the parameters) and NAME.html.
+///
+/// With --session no stage is needed: the photographs of stored sessions, solved before, are adjusted
+/// together with the fan's common scale and each beam's error as unknowns, and the fan is read out of
+/// it, as a table. What is known of the fan before is what its pattern states, or little (--nominal).
+/// Sessions in which the module moves but never turns before one flat wall hardly tell the common
+/// scale; the stated uncertainty then says so.
 #[derive(clap::Args)]
 pub struct Pattern {
     /// The measured angles
-    #[arg(value_name = "CSV")]
-    measured: PathBuf,
-    /// The fan's name [default: that of the file]
+    #[arg(value_name = "CSV", required_unless_present = "session")]
+    measured: Option<PathBuf>,
+    /// Stored sessions instead, of one module and one set of cameras
+    #[arg(long, value_name = "SESSION", num_args = 1.., conflicts_with = "measured")]
+    session: Vec<String>,
+    /// With --session: nothing is known of the fan but its data sheet, 1 % of the scale and 0.05
+    /// degrees of each beam
+    #[arg(long, requires = "session")]
+    nominal: bool,
+    /// With --session: standard uncertainty of the common scale before, in percent
+    #[arg(long, value_name = "PERCENT", requires = "session", value_parser = above_zero)]
+    u_scale_percent: Option<f64>,
+    /// With --session: standard uncertainty of each beam before
+    #[arg(long, value_name = "DEG", requires = "session", value_parser = above_zero)]
+    u_beam_deg: Option<f64>,
+    /// The fan's name [default: that of the file, or fan]
     #[arg(long)]
     name: Option<String>,
     /// Columns and rows of the fan, both odd
@@ -104,16 +125,25 @@ pub struct Pattern {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    database: Database,
 }
 
 impl Pattern {
-    pub fn execute(&self) -> Result<Exit, Ended> {
-        let name = self.name.clone().unwrap_or_else(|| named(&self.measured));
+    pub async fn execute(&self) -> Result<Exit, Ended> {
+        match &self.measured {
+            Some(path) => self.of_stage(path),
+            None => self.of_sessions().await,
+        }
+    }
+
+    fn of_stage(&self, path: &Path) -> Result<Exit, Ended> {
+        let name = self.name.clone().unwrap_or_else(|| named(path));
         if !is_file_name(&name) {
             return Err(Ended::input(format!("`{name}` is no name for files: --name gives one")));
         }
-        let text = text_of(&self.measured).map_err(Ended::input)?;
-        let shown = self.measured.display();
+        let text = text_of(path).map_err(Ended::input)?;
+        let shown = path.display();
         let measured =
             read_measured(&text).map_err(|error| Ended::input(format!("{shown}:{error}")))?;
         let was_read = measured.iter().all(|a| a.wavelength_nm.is_some());
@@ -129,7 +159,7 @@ impl Pattern {
             sizes: &sizes,
             measurements: measured.len(),
             wavelength_was_read: was_read,
-            inputs: &[input(&self.measured, text.as_bytes())],
+            inputs: &[input(path, text.as_bytes())],
             command: self.command(&options),
             software: SOFTWARE.to_owned(),
         };
