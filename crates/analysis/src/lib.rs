@@ -10,6 +10,7 @@
 mod calibration_export;
 pub mod compare;
 mod export;
+mod fan_export;
 mod fit;
 mod numbers;
 pub mod report;
@@ -21,10 +22,11 @@ pub mod wavelength_drift;
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv, series_csv};
+pub use fan_export::{fan_json, session_fan_json};
 pub use fit::LineFit;
 pub use report::{
-    CalibrationReport, InputFile, LeftOut, ReportInput, calibration_html, html, stability_html,
-    stability_verdict,
+    CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, calibration_html, fan_html,
+    html, stability_html, stability_verdict,
 };
 pub use score::{MethodScore, ScoredCapture, Truth, score};
 pub use translation::{

@@ -109,7 +109,8 @@ pub fn text_of(path: &Path) -> Result<String, String> {
         .map_err(|error| format!("{}: it is not UTF-8: {error}", path.display()))
 }
 
-fn input(path: &Path, bytes: &[u8]) -> InputFile {
+/// A file as a report names it.
+pub fn input(path: &Path, bytes: &[u8]) -> InputFile {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
     InputFile { name: name.unwrap_or_default(), blake3: blake3::hash(bytes).to_hex().to_string() }
 }

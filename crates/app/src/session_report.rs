@@ -270,15 +270,19 @@ pub fn adjust_together(
     setup: &Setup,
     captures: &[ReportCapture],
 ) -> Result<SessionSolution, String> {
-    let solved: Option<Vec<SolvedCapture<'_>>> = captures
-        .iter()
-        .map(|c| {
-            let wavelength_nm = c.readings.get("wavelength_nm").copied();
-            Some(SolvedCapture { solution: c.solution.as_ref().ok()?, wavelength_nm })
-        })
-        .collect();
-    let solved = solved.ok_or("not all captures were solved by themselves in this processing")?;
+    let solved = solved_captures(captures)
+        .ok_or("not all captures were solved by themselves in this processing")?;
     solve_session(setup, &solved)
+}
+
+/// The captures as the session's adjustment takes them; `None` where one was not solved by itself.
+pub fn solved_captures(captures: &[ReportCapture]) -> Option<Vec<SolvedCapture<'_>>> {
+    let one = |c| {
+        let ReportCapture { solution, readings, .. } = c;
+        let wavelength_nm = readings.get("wavelength_nm").copied();
+        Some(SolvedCapture { solution: solution.as_ref().ok()?, wavelength_nm })
+    };
+    captures.iter().map(one).collect()
 }
 
 fn travel_capture(

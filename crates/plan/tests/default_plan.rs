@@ -90,7 +90,8 @@ fn every_fault_of_a_driver_name_is_found() {
 fn the_codes_of_the_default_rig_are_far_from_each_other() {
     let rig = rig();
     let world = rig.simulation.as_ref().unwrap();
-    let artefact = rig.measurement.artefact.targets.value.iter().map(|t| t.value.code.value);
+    let artefact =
+        rig.measurement.artefact.as_ref().unwrap().targets.value.iter().map(|t| t.value.code.value);
     let tie = world.tie_targets.iter().flatten().map(|t| t.value.code.value);
     let codes: Vec<u16> = artefact.chain(tie).collect();
     assert_eq!(codes.len(), 18);

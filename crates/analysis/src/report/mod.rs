@@ -9,6 +9,7 @@ mod calibration;
 mod drift;
 mod drift_plots;
 mod environment;
+mod fan;
 mod field;
 mod input;
 mod interruptions;
@@ -25,6 +26,7 @@ mod tables;
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
+pub use fan::{FanReport, fan_html};
 pub use input::{
     Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
 };

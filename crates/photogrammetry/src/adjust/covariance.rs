@@ -88,6 +88,21 @@ impl Covariance {
         self.between(block(a), block(b))
     }
 
+    /// Covariance of the shared fan: its scale first (zeros where it is held), then the direction
+    /// cosines (x, y) of each beam, as [`super::SharedFan`] has them.
+    #[must_use]
+    pub fn fan(&self) -> Option<DMatrix<f64>> {
+        let common = self.common()?;
+        let beams = (self.layout.fan_beams..self.layout.fan_end()).map(Some);
+        let places: Vec<Option<usize>> =
+            std::iter::once(self.layout.fan_scale).chain(beams).collect();
+        let value = |r: usize, c: usize| match (places[r], places[c]) {
+            (Some(r), Some(c)) => common[(r, c)],
+            _ => 0.0,
+        };
+        Some(DMatrix::from_fn(places.len(), places.len(), value))
+    }
+
     fn between(&self, a: Option<Block>, b: Option<Block>) -> Option<Matrix6<f64>> {
         Some(self.common()?.fixed_view::<6, 6>(a?.at, b?.at).into_owned())
     }

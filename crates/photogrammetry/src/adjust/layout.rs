@@ -47,6 +47,8 @@ pub(super) struct Layout {
     pub fan_scale: Option<usize>,
     /// First of two unknowns for each beam of the shared fan.
     pub fan_beams: usize,
+    /// How many unknowns these are.
+    pub fan_len: usize,
     /// Number of unknowns of the border.
     pub border: usize,
     /// The independent poses, in the order of their indices.
@@ -68,6 +70,7 @@ impl Layout {
             artefact_scale: None,
             fan_scale: None,
             fan_beams: 0,
+            fan_len: 0,
             border: 0,
             independent: Vec::new(),
             size: 0,
@@ -104,7 +107,8 @@ impl Layout {
         }
         self.artefact_scale = (problem.artefact_scale_sigma > 0.0).then(|| self.take(1).at);
         self.fan_scale = (problem.fan.scale_sigma > 0.0).then(|| self.take(1).at);
-        self.fan_beams = self.take(2 * problem.fan.beams.len()).at;
+        let beams = self.take(2 * problem.fan.beams.len());
+        (self.fan_beams, self.fan_len) = (beams.at, beams.len);
         for i in 0..self.points.len() {
             if matches!(self.points[i], PointPlace::Border(_)) {
                 self.points[i] = PointPlace::Border(self.take(3).at);
@@ -123,6 +127,11 @@ impl Layout {
             self.cameras[i] = Some(block);
             self.independent.push(block);
         }
+    }
+
+    /// One past the last unknown of the shared fan's beams.
+    pub fn fan_end(&self) -> usize {
+        self.fan_beams + self.fan_len
     }
 
     /// Which independent pose an unknown belongs to, and its place in it.

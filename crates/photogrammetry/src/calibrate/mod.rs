@@ -4,7 +4,8 @@
 //! A sheet is described by `sheet` and found in a picture by `find` (discs, then a grid); points
 //! found elsewhere are read by `observations`. `start` gives first values without any guess,
 //! `adjust` the self-calibration, `coverage` what of the picture was seen; `stability` compares
-//! calibrations that were repeated. Nothing here opens a file.
+//! calibrations that were repeated. Nothing here opens a file. The fan's calibration, from angles on
+//! a rotation stage, is a room of its own: [`pattern`].
 //!
 //! The frame of a sheet: the first dot is the origin, x along a row, y down a column, z into the
 //! sheet, millimetres.
@@ -15,6 +16,7 @@ mod coverage;
 mod disc_image;
 mod find;
 mod observations;
+pub mod pattern;
 mod place;
 mod sheet;
 mod stability;

@@ -15,7 +15,7 @@ mod types;
 
 pub use capture::{Sighting, solve_capture};
 pub use eccentricity::circle_image_offset;
-pub use session::{Knock, SessionSolution, SolvedCapture, solve_session};
+pub use session::{Knock, SessionSolution, SolvedCapture, solve_session, solve_session_with};
 pub use types::{
     CameraSolution, CaptureSolution, DotInSpace, Method, MethodResult, Observation, StageSeconds,
     Subject,

@@ -9,7 +9,7 @@
 use std::collections::BTreeMap;
 
 use beampose_core::Pose;
-use nalgebra::{Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::knocks::unmoved_from;
 use super::outcome::pose;
@@ -54,6 +54,8 @@ pub struct SessionSolution {
     pub outliers: usize,
     /// Cameras that stood or looked otherwise from some capture on.
     pub knocks: Vec<Knock>,
+    /// The fan's common scale and the errors of its beams, against the pattern of the setup.
+    pub fan: SharedFan,
     modules: Vec<Option<usize>>,
     summary: Summary,
 }
@@ -66,6 +68,12 @@ impl SessionSolution {
         let (a, b) = ((*self.modules.get(a)?)?, (*self.modules.get(b)?)?);
         self.summary.covariance.between_modules(a, b)
     }
+
+    /// Covariance of [`Self::fan`]: its scale, then the direction cosines (x, y) of each beam.
+    #[must_use]
+    pub fn fan_covariance(&self) -> Option<DMatrix<f64>> {
+        self.summary.covariance.fan()
+    }
 }
 
 /// Adjusts all captures of a session together. Captures without a pose of their own are left out.
@@ -76,12 +84,25 @@ pub fn solve_session(
     setup: &Setup,
     captures: &[SolvedCapture<'_>],
 ) -> Result<SessionSolution, String> {
+    solve_session_with(setup, captures, &Options::default())
+}
+
+/// As [`solve_session`]. A fan of which little is known before leaves a long curved valley (it may
+/// stretch while the module comes nearer), which takes many iterations.
+///
+/// # Errors
+/// Why there is no solution, in words.
+pub fn solve_session_with(
+    setup: &Setup,
+    captures: &[SolvedCapture<'_>],
+    options: &Options,
+) -> Result<SessionSolution, String> {
     let mut builder = Builder::new(setup, captures)?;
     let modules: Vec<Option<usize>> =
         captures.iter().enumerate().map(|(i, c)| builder.add_capture(i, c)).collect();
     let knocks = builder.knocks();
     let mut problem = builder.problem;
-    let summary = adjust(&mut problem, &Options::default())
+    let summary = adjust(&mut problem, options)
         .map_err(|error| format!("the session's adjustment failed: {error}"))?;
     let poses = modules
         .iter()
@@ -94,7 +115,8 @@ pub fn solve_session(
         .collect();
     let outliers = summary.outlier_images.len() + summary.outlier_beams.len();
     let sigma0 = summary.sigma0();
-    Ok(SessionSolution { poses, sigma0, outliers, knocks, modules, summary })
+    let fan = problem.fan;
+    Ok(SessionSolution { poses, sigma0, outliers, knocks, fan, modules, summary })
 }
 
 fn station(position_mm: [f64; 3], [w, x, y, z]: [f64; 4]) -> Station {

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
 
 mod draw;
+mod fan;
 mod opencv;
 mod pictures;
 mod repeated;

@@ -5,6 +5,7 @@
 
 mod capture;
 mod corner;
+mod fan;
 mod scene;
 mod session;
 mod truth;

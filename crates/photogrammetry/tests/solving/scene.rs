@@ -274,6 +274,15 @@ impl Laboratory {
         658.0 + self.wavelength_bias
     }
 
+    /// The true directions of the beams at the reference wavelength, row by row.
+    pub fn true_directions(&self) -> Vec<Vector3<f64>> {
+        let direction = |(_, cosines): &(Order, Vector2<f64>)| {
+            let c = cosines * (1.0 + self.scale);
+            Vector3::new(c.x, c.y, (1.0 - c.norm_squared()).sqrt())
+        };
+        self.beams.iter().map(direction).collect()
+    }
+
     /// One capture with the module `rail` mm along its way back from the wall.
     pub fn capture(&self, seed: u64, rail: f64) -> (BTreeMap<String, Sighting>, Truth) {
         self.shot(seed, &Shot::on_rail(rail))

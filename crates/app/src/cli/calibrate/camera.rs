@@ -183,14 +183,14 @@ fn in_words(name: &str, found: &Calibrated) -> String {
 }
 
 /// The name of a folder, or of a file without its ending.
-fn named(path: &Path) -> String {
+pub(super) fn named(path: &Path) -> String {
     let whole = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
     let part = if whole.is_dir() { whole.file_name() } else { whole.file_stem() };
     part.map_or_else(|| "camera".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
 /// A name that makes files in a folder, and stands unquoted in YAML.
-fn is_file_name(name: &str) -> bool {
+pub(super) fn is_file_name(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
     !name.is_empty() && !name.starts_with(['.', '-']) && name.chars().all(is_plain)
 }

@@ -1,7 +1,8 @@
-//! `beampose calibrate`: cameras, and the sheets to calibrate them with.
+//! `beampose calibrate`: cameras, the sheets to calibrate them with, and the fan of beams.
 
 mod camera;
 mod compare;
+mod pattern;
 mod sheet;
 
 use std::path::Path;
@@ -13,7 +14,7 @@ use beampose_photogrammetry::calibrate::Stability;
 use super::Ended;
 use crate::output::{Exit, print};
 
-/// Calibrate cameras, compare calibrations, print the sheet
+/// Calibrate cameras and the fan of beams, compare calibrations, print the sheet
 #[derive(clap::Args)]
 pub struct Calibrate {
     #[command(subcommand)]
@@ -24,14 +25,16 @@ pub struct Calibrate {
 enum Command {
     Camera(camera::Camera),
     Compare(compare::Compare),
+    Pattern(Box<pattern::Pattern>),
     Sheet(sheet::Sheet),
 }
 
 impl Calibrate {
-    pub fn execute(&self) -> Result<Exit, Ended> {
+    pub async fn execute(&self) -> Result<Exit, Ended> {
         match &self.command {
             Command::Camera(camera) => camera.execute(),
             Command::Compare(compare) => compare.execute(),
+            Command::Pattern(pattern) => pattern.execute().await,
             Command::Sheet(sheet) => sheet.execute(),
         }
     }
