@@ -33,6 +33,12 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
     {
         object.extend(members);
     }
+    if let Some(angles) = &input.angles {
+        object.insert("closing_in".to_owned(), serde_json::to_value(&angles.input.traces)?);
+        let software = &input.provenance.processed_with;
+        let fan = angles.fan("fan", &[], String::new(), software);
+        object.insert("fan".to_owned(), fan.map_or(Value::Null, |fan| crate::fan_json(&fan)));
+    }
     let mut put = |key: &str, value: Value| object.insert(key.to_owned(), value);
     put("experiment", json!(input.experiment));
     put("verdict", json!(input.verdict));

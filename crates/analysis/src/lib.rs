@@ -7,6 +7,7 @@
 //! To add an experiment's analysis: a module beside [`mod@translation`] and [`mod@wavelength_drift`] with its input, its
 //! serialisable result and a verdict, a field in [`ReportInput`], a section in `report`.
 
+pub mod beam_angles;
 mod calibration_export;
 pub mod compare;
 mod export;
@@ -19,6 +20,7 @@ pub mod translation;
 mod verdict;
 pub mod wavelength_drift;
 
+pub use beam_angles::{BeamAngleLimits, BeamAngles, BeamAnglesInput, beam_angles};
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv, series_csv};

@@ -23,7 +23,7 @@ use tokio::sync::Semaphore;
 use crate::pipeline::{Pipeline, Solved, adjusted, described, of_captures, solution_of};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
-use crate::session_report::{load_processing, result_json};
+use crate::session_report::load_processing;
 
 /// Solving one session.
 pub struct Job {
@@ -349,7 +349,7 @@ async fn stored(
 async fn finish(store: &Store, session: SessionId, id: ProcessingId) -> anyhow::Result<()> {
     let loaded = load_processing(store, session, processing(store, session, id).await?).await?;
     let found = tokio::task::spawn_blocking(move || loaded.analysed()).await?;
-    if let Some(result_json) = result_json(found.translation.as_ref(), found.drift.as_ref())?
+    if let Some(result_json) = found.result_json()?
         && store.results(id).await?.is_empty()
     {
         let created = jiff::Timestamp::now();

@@ -31,11 +31,7 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
     }
     let m = &rig.measurement;
     let pattern = pattern(&m.pattern.value, folder)?;
-    let wavelength_u_nm = rig
-        .sensors()
-        .filter(|(_, s)| s.reads == Quantity::Wavelength)
-        .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
-        .unwrap_or(WAVELENGTH_U_NM);
+    let wavelength_u_nm = wavelength_u_nm(rig).unwrap_or(WAVELENGTH_U_NM);
     let artefact = m.artefact.as_ref();
     let artefact = Artefact {
         targets: artefact
@@ -61,6 +57,13 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
         }),
         wavelength_u_nm,
     })
+}
+
+/// Standard uncertainty of a wavelength reading, nanometres, where the rig declares one.
+pub fn wavelength_u_nm(rig: &Rig) -> Option<f64> {
+    rig.sensors()
+        .filter(|(_, s)| s.reads == Quantity::Wavelength)
+        .find_map(|(_, s)| s.u.as_ref().map(|u| u.value.number()))
 }
 
 /// A pattern that a rig refers to.

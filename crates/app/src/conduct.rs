@@ -27,7 +27,7 @@ use crate::remote::{Mailbox, listen};
 use crate::rescue::rescue;
 use crate::rig_lock::RigLock;
 use crate::session_lock::SessionLock;
-use crate::session_report::{input, load, method_of, prepare, result_json, write};
+use crate::session_report::{Analysed, input, load, method_of, prepare, write};
 use crate::truth;
 use crate::wiring::Laboratory;
 use crate::wiring::person::WithPerson;
@@ -289,8 +289,9 @@ async fn conclude(
     let id = ending.session;
     let loaded = load(store, id).await?;
     let input = input(store, &loaded).await?;
+    let result_json = Analysed::of(&input).result_json()?;
     let written = write(&input, folder)?;
-    if let Some(result_json) = result_json(input.translation.as_ref(), input.drift.as_ref())? {
+    if let Some(result_json) = result_json {
         let (processing, created) = (loaded.processing.id, jiff::Timestamp::now());
         let row = beampose_store::ResultRow { processing, created, result_json };
         store.save_result(&row).await?;

@@ -1,6 +1,7 @@
 //! `beampose`: runs an optical position sensor by itself, from a plan in YAML to a report with
 //! uncertainties. This crate is the rim: files, terminal, wiring. What it wires knows nothing of it.
 
+mod angle_report;
 mod batch;
 mod calibration;
 mod camera_calibration;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
 use beampose_analysis::{
-    Decision, DistanceRule, JointCovariance, Limits, ReportInput, StatedScale, TranslationInput,
-    TranslationResult, TravelCapture, Verdict, WavelengthDrift, translation,
+    BeamAngles, Decision, DistanceRule, JointCovariance, Limits, ReportInput, StatedScale,
+    TranslationInput, TranslationResult, TravelCapture, Verdict, WavelengthDrift, translation,
 };
 use beampose_core::units::Millimetre;
 use beampose_core::{
@@ -21,10 +21,11 @@ use beampose_photogrammetry::{Setup, decode};
 use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
+use crate::angle_report::{self, Angles};
 use crate::drift_report::{self, Series};
 use crate::interruptions::interruptions;
 use crate::journal_notes::{notes, out_of_limits};
-use crate::pipeline::solution_of;
+use crate::pipeline::{SOFTWARE, solution_of};
 
 /// A stored session with one of its processings.
 pub struct Loaded {
@@ -44,6 +45,8 @@ pub struct Loaded {
     out_of_limits: Vec<String>,
     /// The readings of a wavelength drift.
     series: Option<Series>,
+    /// The closings-in of a beam-angle calibration.
+    angles: Option<Angles>,
 }
 
 /// What the plan's analysis gives; each experiment has its own.
@@ -53,6 +56,8 @@ pub struct Analysed {
     pub translation: Option<TranslationResult>,
     /// Of a wavelength drift.
     pub drift: Option<WavelengthDrift>,
+    /// Of a beam-angle calibration.
+    pub angles: Option<BeamAngles>,
 }
 
 impl Analysed {
@@ -60,22 +65,32 @@ impl Analysed {
     fn verdict(&self) -> Option<(Verdict, &[String])> {
         let of_translation = self.translation.as_ref().map(|r| (r.verdict, r.reasons.as_slice()));
         let of_drift = self.drift.as_ref().map(|d| (d.result.verdict, d.result.reasons.as_slice()));
-        of_translation.or(of_drift)
+        let of_angles = self.angles.as_ref().map(|a| (a.verdict, a.reasons.as_slice()));
+        of_translation.or(of_drift).or(of_angles)
     }
 }
 
-/// The result of an analysis as it is stored; none where nothing is analysed.
-///
-/// # Errors
-/// None in practice: the types are plain data.
-pub fn result_json(
-    translation: Option<&TranslationResult>,
-    drift: Option<&WavelengthDrift>,
-) -> Result<Option<String>, serde_json::Error> {
-    match (translation, drift) {
-        (Some(result), _) => serde_json::to_string(result).map(Some),
-        (None, Some(drift)) => serde_json::to_string(&drift.result).map(Some),
-        (None, None) => Ok(None),
+impl Analysed {
+    /// What a report is about to show.
+    pub fn of(input: &ReportInput) -> Self {
+        let (translation, drift) = (input.translation.clone(), input.drift.clone());
+        Self { translation, drift, angles: input.angles.clone() }
+    }
+
+    /// The result as it is stored; none where nothing is analysed.
+    ///
+    /// # Errors
+    /// None in practice: the types are plain data.
+    pub fn result_json(&self) -> Result<Option<String>, serde_json::Error> {
+        if let Some(result) = &self.translation {
+            return serde_json::to_string(result).map(Some);
+        }
+        if let Some(drift) = &self.drift {
+            return serde_json::to_string(&drift.result).map(Some);
+        }
+        let angles = self.angles.as_ref();
+        let fan = angles.and_then(|angles| angles.fan("fan", &[], String::new(), SOFTWARE));
+        Ok(fan.map(|fan| beampose_analysis::fan_json(&fan).to_string()))
     }
 }
 
@@ -112,7 +127,8 @@ pub async fn load_processing(
     }
     let out_of_limits = out_of_limits(store, session.header.id).await?;
     let series = drift_report::series(store, id, plan.as_ref()).await?;
-    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits, series })
+    let angles = angle_report::angles(store, id, plan.as_ref(), &session.header.rig_text).await?;
+    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits, series, angles })
 }
 
 /// A session's plan; an imported one has none, since another program took its pictures.
@@ -166,6 +182,7 @@ impl Loaded {
         Analysed {
             translation: self.translation(),
             drift: drift.and_then(|(plan, series)| series.analysed(plan, &self.setup.pattern)),
+            angles: self.plan.as_ref().zip(self.angles.as_ref()).and_then(|(p, a)| a.analysed(p)),
         }
     }
 
@@ -277,12 +294,11 @@ pub fn adjust_together(
 
 /// The captures as the session's adjustment takes them; `None` where one was not solved by itself.
 pub fn solved_captures(captures: &[ReportCapture]) -> Option<Vec<SolvedCapture<'_>>> {
-    let one = |c| {
-        let ReportCapture { solution, readings, .. } = c;
+    let solved = captures.iter().map(|ReportCapture { solution, readings, .. }| {
         let wavelength_nm = readings.get("wavelength_nm").copied();
         Some(SolvedCapture { solution: solution.as_ref().ok()?, wavelength_nm })
-    };
-    captures.iter().map(one).collect()
+    });
+    solved.collect()
 }
 
 fn travel_capture(
@@ -337,6 +353,7 @@ pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput
         captures: loaded.captures.clone(),
         translation: analysed.translation,
         drift: analysed.drift,
+        angles: analysed.angles,
         scores: BTreeMap::new(),
         pictures: pictures(store, loaded).await?,
         frames_px,
@@ -478,7 +495,7 @@ pub fn prepare(folder: &Path) -> anyhow::Result<()> {
 }
 
 /// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` and
-/// `wavelength.csv` into `folder`.
+/// `wavelength.csv`, or the files of a calibrated fan, into `folder`.
 ///
 /// # Errors
 /// Which file cannot be written.
@@ -499,6 +516,9 @@ pub fn write(input: &ReportInput, folder: &Path) -> anyhow::Result<Written> {
     }
     if let Some(drift) = &input.drift {
         put("wavelength.csv", &beampose_analysis::series_csv(&drift.series))?;
+    }
+    if let Some(angles) = &input.angles {
+        angle_report::write_fan(angles, input.provenance.session, folder)?;
     }
     Ok(Written { html, json })
 }

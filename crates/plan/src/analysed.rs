@@ -57,7 +57,14 @@ impl Expander<'_> {
     /// Notes each sensor of the analysis that the rig does not have, or that reads something else.
     pub(crate) fn check_analysis(&mut self) {
         let plan = self.plan;
-        let Some(Analyse::WavelengthDrift(drift)) = &plan.analyse else { return };
+        let drift = match &plan.analyse {
+            Some(Analyse::WavelengthDrift(drift)) => drift,
+            Some(Analyse::BeamAngles { wavelength: Some(sensor) }) => {
+                self.check_role(sensor, Role::Wavelength);
+                return;
+            }
+            _ => return,
+        };
         self.check_role(&drift.wavelength, Role::Wavelength);
         if let Some(sensor) = &drift.diode_temperature {
             self.check_role(sensor, Role::DiodeTemperature);

@@ -9,6 +9,7 @@ use beampose_photogrammetry::GrayImage;
 use beampose_photogrammetry::solve::{CaptureSolution, Method, MethodResult, StageSeconds};
 use serde::Serialize;
 
+use crate::beam_angles::BeamAngles;
 use crate::score::MethodScore;
 use crate::translation::TranslationResult;
 use crate::verdict::Verdict;
@@ -33,6 +34,8 @@ pub struct ReportInput {
     pub translation: Option<TranslationResult>,
     /// The result and its series, if the experiment is a wavelength drift.
     pub drift: Option<WavelengthDrift>,
+    /// The fan, if the experiment is a beam-angle calibration.
+    pub angles: Option<BeamAngles>,
     /// Against the truth, if somebody knows it; empty otherwise.
     pub scores: BTreeMap<Method, MethodScore>,
     /// Decoded pictures to show; one capture, all cameras is a good choice. They are reduced to

@@ -6,6 +6,7 @@
 
 mod axis;
 mod calibration;
+mod closing_in;
 mod drift;
 mod drift_plots;
 mod environment;
@@ -43,6 +44,7 @@ pub fn html(input: &ReportInput) -> String {
         (summary::verdict(input))
         (translation(input))
         @if let Some(found) = &input.drift { (drift::section(found)) }
+        @if let Some(angles) = &input.angles { (closing_in::section(angles)) }
         (scores(input))
         (pictures(input))
         (residuals(input))
@@ -140,9 +142,10 @@ fn residuals(input: &ReportInput) -> Markup {
     }
 }
 
-/// A drift of the wavelength takes none and misses none; elsewhere their absence is told.
+/// A drift of the wavelength takes none and misses none, and the pictures of a closing-in are not
+/// solved; elsewhere their absence is told.
 fn has_captures(input: &ReportInput) -> bool {
-    input.drift.is_none() || !input.captures.is_empty()
+    input.angles.is_none() && (input.drift.is_none() || !input.captures.is_empty())
 }
 
 fn poses(input: &ReportInput) -> Markup {

@@ -25,6 +25,8 @@ pub fn header(input: &ReportInput) -> Markup {
                 dt { "session" } dd { code { (p.session) } " (" (p.outcome.as_str()) ")" }
                 @if let Some(found) = &input.drift {
                     dt { "readings" } dd { (super::drift::readings(&found.result)) }
+                } @else if let Some(angles) = &input.angles {
+                    dt { "measured" } dd { (crate::numbers::count(angles.input.measured.len(), "angle")) }
                 } @else {
                     dt { "captures" } dd { (solved(input)) }
                 }

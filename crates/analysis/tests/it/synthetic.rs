@@ -275,6 +275,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         captures,
         translation: None,
         drift: None,
+        angles: None,
         scores: BTreeMap::new(),
         pictures: vec![],
         frames_px: BTreeMap::new(),

@@ -44,7 +44,7 @@ pub(super) fn analysis(
     drift
 }
 
-fn is_read(sensor: &At<InstrumentName>, scope: &Scope, reader: &mut Reader) {
+pub(super) fn is_read(sensor: &At<InstrumentName>, scope: &Scope, reader: &mut Reader) {
     let name = sensor.value.as_str();
     // An empty name stands in for a broken one.
     if name.is_empty() || scope.read.contains(&sensor.value) {
@@ -64,6 +64,12 @@ pub(super) fn limits_belong(
     reader: &mut Reader,
 ) {
     let analysed = analyse.is_some_and(|a| matches!(a.value, AnalyseFile::WavelengthDrift(_)));
+    let has_angles = analyse.is_some_and(|a| matches!(a.value, AnalyseFile::BeamAngles(_)));
+    if let Some(limits) = accept.beam_angles.as_ref().filter(|_| !has_angles) {
+        let help = Some("add `analyse: {beam-angle-calibration: {}}`".to_owned());
+        let message = "limits for beam angles, which are not analysed".to_owned();
+        reader.fault_help(limits.mark, message, help);
+    }
     if let Some(limits) = accept.wavelength_drift.as_ref().filter(|_| !analysed) {
         let help = Some("add `analyse: {wavelength-drift: {...}}`".to_owned());
         let message = "limits for the wavelength's drift, which is not analysed".to_owned();

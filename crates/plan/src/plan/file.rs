@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use beampose_core::InstrumentName;
-use beampose_core::units::{Millimetre, Nanometre, Second};
+use beampose_core::units::{Degree, Millimetre, Nanometre, Second};
 use schemars::{Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 
@@ -60,6 +60,8 @@ words! {
         "translation" => Translation,
         /// The laser is switched on from cold; what its wavelength does then is followed.
         "wavelength-drift" => WavelengthDrift,
+        /// The angles between the module's beams, on a goniometer.
+        "beam-angle-calibration" => BeamAngles,
         /// Pictures and readings are taken and solved; nothing is analysed.
         "acquisition" => Acquisition,
     }
@@ -236,6 +238,8 @@ choice! {
         "translation" => Translation(TranslationFile),
         /// The wavelength after the laser was switched on, and what its change does to a measurement.
         "wavelength-drift" => WavelengthDrift(WavelengthDriftFile),
+        /// The fan of beams from the angles that the plan's closings-in measure.
+        "beam-angle-calibration" => BeamAngles(BeamAnglesFile),
     }
 }
 
@@ -269,6 +273,15 @@ record! {
 }
 
 record! {
+    /// The angles between neighbouring beams, each from two closings-in that follow each other.
+    pub struct BeamAnglesFile {
+        /// The sensor of the wavelength; without it the angles hold at the laser's own wavelength,
+        /// whatever that was.
+        wavelength: Option<At<InstrumentName>>,
+    }
+}
+
+record! {
     /// The limits within which the verdict is pass.
     pub struct AcceptFile {
         /// For the virtual camera.
@@ -283,6 +296,8 @@ record! {
         session_adjustment as "session-adjustment": Option<At<Limits>>,
         /// For the drift of the wavelength.
         wavelength_drift as "wavelength-drift": Option<At<DriftLimits>>,
+        /// For a calibration of beam angles.
+        beam_angles as "beam-angle-calibration": Option<At<BeamAngleLimits>>,
         /// The least fraction of captures that must be solved, by each method.
         min_solved_fraction: Option<f64> => fraction,
     }
@@ -293,6 +308,16 @@ record! {
     pub struct Limits {
         /// Of the mean difference to the axis at any of its positions.
         max_abs_mean_difference: Option<Millimetre> => positive,
+    }
+}
+
+record! {
+    /// The limits for a calibration of beam angles.
+    pub struct BeamAngleLimits {
+        /// Of the standard deviation of one angle, from its repetitions.
+        max_standard_deviation: Option<Degree> => positive,
+        /// Of the standard uncertainty of any angle between neighbours.
+        max_standard_uncertainty: Option<Degree> => positive,
     }
 }
 

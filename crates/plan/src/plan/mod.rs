@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use policy::PatienceFile;
 
-pub use file::{DriftLimits, Experiment, Limits, Method, PlanFile, Switch};
+pub use file::{BeamAngleLimits, DriftLimits, Experiment, Limits, Method, PlanFile, Switch};
 pub(crate) use validate::axis_key;
 
 use crate::fault::{AsRead, At, Fault, Faults, Mark, Source};
@@ -210,6 +210,11 @@ pub enum Analyse {
     },
     /// The wavelength after the laser was switched on.
     WavelengthDrift(WavelengthDrift),
+    /// The angles between the module's beams.
+    BeamAngles {
+        /// The sensor of the wavelength.
+        wavelength: Option<At<InstrumentName>>,
+    },
 }
 
 /// How the drift of the wavelength is analysed.
@@ -238,6 +243,8 @@ pub struct Accept {
     pub min_solved_fraction: Option<f64>,
     /// Limits of the wavelength's drift.
     pub drift: Option<DriftLimits>,
+    /// Limits of a calibration of beam angles.
+    pub beam_angles: Option<BeamAngleLimits>,
 }
 
 /// Reads a plan. `name` is how the file is called in faults.

@@ -78,6 +78,8 @@ pub(super) struct Scope {
     /// All instruments that are read.
     pub(super) read: Vec<InstrumentName>,
     captures: usize,
+    /// Whether a step closes in on a dot.
+    aligns: bool,
     /// All prompts so far, with what would be an answer.
     pub(super) prompts: BTreeMap<String, Asks>,
 }
@@ -164,6 +166,7 @@ impl Scope {
             reader.fault_help(mark, message, Some(help));
         }
         self.captures += dots.len();
+        self.aligns |= !dots.is_empty();
         dots.into_iter().map(|dot| PlanStepKind::Align { dot, tolerance_px, moves }).collect()
     }
 
@@ -311,6 +314,15 @@ fn analyse(
         AnalyseFile::WavelengthDrift(drift) => {
             return Some(Analyse::WavelengthDrift(super::drift::analysis(drift, scope, reader)));
         }
+        AnalyseFile::BeamAngles(angles) => {
+            if let Some(sensor) = &angles.wavelength {
+                super::drift::is_read(sensor, scope, reader);
+            }
+            if !scope.aligns && reader.faults.is_empty() {
+                reader.fault(analyse?.mark, "nothing to calibrate: no step aligns");
+            }
+            return Some(Analyse::BeamAngles { wavelength: angles.wavelength.clone() });
+        }
     };
     let (axis, pass) = (&translation.axis, &translation.pass);
     if !pass.value.is_empty() && !scope.passes.contains(&pass.value) {
@@ -343,6 +355,10 @@ fn belongs_together(
             "as in `analyse: {translation: {axis: rail, pass: pass}}`",
         )),
         Experiment::WavelengthDrift => Some(super::drift::NEEDED),
+        Experiment::BeamAngles => Some((
+            "a beam-angle calibration needs `analyse`",
+            "as in `analyse: {beam-angle-calibration: {wavelength: wavemeter}}`",
+        )),
         Experiment::Acquisition => None,
     };
     match (needed, analyse) {
@@ -367,6 +383,7 @@ const fn kind(analyse: &AnalyseFile) -> Experiment {
     match analyse {
         AnalyseFile::Translation(_) => Experiment::Translation,
         AnalyseFile::WavelengthDrift(_) => Experiment::WavelengthDrift,
+        AnalyseFile::BeamAngles(_) => Experiment::BeamAngles,
     }
 }
 
@@ -388,6 +405,7 @@ fn accept_limits(file: &AcceptFile, methods: &[Method], reader: &mut Reader) -> 
         }
         accept.limits.insert(method, limits.value.clone());
     }
+    accept.beam_angles = file.beam_angles.as_ref().map(|limits| limits.value.clone());
     accept.drift = file.wavelength_drift.as_ref().map(|limits| limits.value.clone());
     accept
 }

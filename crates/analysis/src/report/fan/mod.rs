@@ -45,7 +45,7 @@ const DEGREE_DECIMALS: usize = 5;
 pub fn fan_html(input: &FanReport) -> String {
     let body = html! {
         (header(input))
-        section { h2 { "The fan" } (parameters(input)) }
+        section { h2 { "The fan" } (parameters(input.found, input.options)) }
         section { h2 { "Angles against order" } (plots::against_order(input.found)) (measured(input)) }
         section { h2 { "Residuals of each model" } (plots::residuals(input.found)) (comparison(input.found)) }
         section { h2 { "What all angles share" } (shared(input)) }
@@ -100,11 +100,25 @@ fn degrees(radians: f64, decimals: usize) -> String {
     fixed(radians.to_degrees(), decimals)
 }
 
-fn parameters(input: &FanReport) -> Markup {
-    let (fit, options) = (&input.found.fit, input.options);
+/// The fan within a session's report: its model's parameters.
+pub(super) fn in_short(found: &FanCalibration, options: &FanOptions) -> Markup {
+    html! {
+        dl.facts {
+            dt { "model taken" } dd { (title(found.fit.model)) }
+            @if let Some(s) = found.spread {
+                dt { "standard deviation of one angle" } dd { (degrees(s.sigma, 5)) "°" }
+            }
+        }
+        (parameters(found, options))
+        (plots::against_order(found))
+    }
+}
+
+fn parameters(found: &FanCalibration, options: &FanOptions) -> Markup {
+    let fit = &found.fit;
     let read =
         fit.model.read(&fit.parameters, options.grid_distance, options.reference_wavelength_nm);
-    let u = &input.found.pattern.u;
+    let u = &found.pattern.u;
     html! {
         table {
             thead { tr {
@@ -125,7 +139,7 @@ fn parameters(input: &FanReport) -> Markup {
                 "On a plane at " (options.grid_distance) " mm. "
             }
             "In the pattern file: " (fixed(u.angle_deg, 6)) "° for one beam alone, of which "
-            (degrees(input.found.beam_sigma, 6)) "° are what the residuals cannot exclude that a single \
+            (degrees(found.beam_sigma, 6)) "° are what the residuals cannot exclude that a single \
              beam is off the model; " (fixed(100.0 * u.common_relative, 4)) " % common to all beams."
         }
     }

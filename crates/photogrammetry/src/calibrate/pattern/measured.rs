@@ -113,6 +113,31 @@ pub fn read_measured(text: &str) -> Result<Vec<MeasuredAngle>, MeasuredError> {
     Ok(all)
 }
 
+/// Writes measurements as [`read_measured`] takes them, in their order.
+#[must_use]
+pub fn write_measured(measured: &[MeasuredAngle]) -> String {
+    use std::fmt::Write as _;
+    let has_u = measured.iter().all(|a| a.u.is_some());
+    let has_wavelength = measured.iter().all(|a| a.wavelength_nm.is_some());
+    let mut text = "from_m,from_n,to_m,to_n,axis,repeat,angle_deg".to_owned();
+    text.push_str(if has_u { ",u_deg" } else { "" });
+    text.push_str(if has_wavelength { ",wavelength_nm,u_wavelength_nm\n" } else { "\n" });
+    for a in measured {
+        let (from, to, axis) = (a.from, a.to, a.axis.name());
+        let angle = a.angle.to_degrees();
+        // A String takes everything.
+        let _ = write!(text, "{},{},{},{},{axis},{},{angle}", from.m, from.n, to.m, to.n, a.repeat);
+        if let Some(u) = a.u.filter(|_| has_u) {
+            let _ = write!(text, ",{}", u.to_degrees());
+        }
+        if let Some(nm) = a.wavelength_nm.filter(|_| has_wavelength) {
+            let _ = write!(text, ",{nm},{}", a.u_wavelength_nm);
+        }
+        text.push('\n');
+    }
+    text
+}
+
 impl Heading {
     fn of(line: &str) -> Result<Self, String> {
         let names: Vec<&str> = line.split(',').map(str::trim).collect();

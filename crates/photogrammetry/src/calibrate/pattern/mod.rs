@@ -30,7 +30,7 @@ pub use geometry::{
     wavelength_change,
 };
 pub use means::{AngleSpread, MeanAngle, mean_angles, spread};
-pub use measured::{MeasuredAngle, MeasuredError, StageAxis, read_measured};
+pub use measured::{MeasuredAngle, MeasuredError, StageAxis, read_measured, write_measured};
 pub use models::{FanModel, FanParameter};
 pub use result::{
     AngleOfPair, FanCalibration, FanOptions, calibrate_fan, pattern_of, write_fan_angles,
