@@ -87,6 +87,16 @@ pub fn plain(value: f64) -> String {
     fixed(value, decimals(value.abs(), 3))
 }
 
+/// As [`plain`], without zeros at the end: for what somebody chose.
+pub fn trimmed(value: f64) -> String {
+    let text = plain(value);
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
 /// As [`plain`], or a dash.
 pub fn optional(value: Option<f64>) -> String {
     value.map_or_else(|| NONE.to_owned(), plain)
@@ -131,6 +141,10 @@ mod tests {
         assert_eq!(fixed(-0.0004, 2), "0.00");
         assert_eq!(fixed(f64::NAN, 2), NONE);
         assert_eq!(plain(0.0), "0.000");
+        assert_eq!(
+            (trimmed(30.0), trimmed(2.5), trimmed(0.0)),
+            ("30".into(), "2.5".into(), "0".into())
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::axis::{Axis, Ends};
 use super::plot::{Layer, Mark, Plot, Shape, legend_entry, symbol};
-use crate::numbers::{fixed, plain};
+use crate::numbers::{fixed, trimmed};
 use crate::wavelength_drift::{
     AllanPoint, AllanSegment, PointMark, SeriesPoint, TemperatureCoefficient, WavelengthDrift,
     WavelengthDriftResult,
@@ -137,22 +137,21 @@ pub fn against_temperature(found: &WavelengthDrift) -> Markup {
     }
 }
 
-/// The line of each mode over the temperatures at which it was read.
+/// The line of each mode through the middle of its readings.
 fn lines(found: &WavelengthDrift, fit: &TemperatureCoefficient) -> Vec<Vec<(f64, f64)>> {
-    let last = found.series.last().map_or(0, |p| p.mode);
-    let line = |mode: usize| {
-        let of = found.series.iter().filter(|p| p.mode == mode).filter_map(|p| p.diode_degc);
-        let (low, high) =
-            of.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        // The fit states a point of the last mode; an earlier one lies by the hops since below it.
-        let hopped: f64 = found.result.hops.iter().skip(mode).map(|hop| hop.by_nm).sum();
-        let at = |degc: f64| {
-            let along = fit.coefficient_nm_per_degc * (degc - fit.at_temperature_degc);
-            (degc, fit.at_wavelength_nm - hopped + along)
-        };
-        vec![at(low), at(high)]
+    let used = found.series.iter().filter(|p| p.mark != PointMark::Stray);
+    let pairs: Vec<(usize, f64, f64)> =
+        used.filter_map(|p| Some((p.mode, p.diode_degc?, p.wavelength_nm))).collect();
+    let line = |of: &[(usize, f64, f64)]| {
+        let n = of.len() as f64;
+        let (degc, nm) = of.iter().fold((0.0, 0.0), |(x, y), p| (x + p.1 / n, y + p.2 / n));
+        let ends = of.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+            (low.min(p.1), high.max(p.1))
+        });
+        let at = |x: f64| (x, nm + fit.coefficient_nm_per_degc * (x - degc));
+        vec![at(ends.0), at(ends.1)]
     };
-    (0..=last).map(line).collect()
+    pairs.chunk_by(|a, b| a.0 == b.0).map(line).collect()
 }
 
 /// Allan deviations, both axes logarithmic: what is zero has no place there.
@@ -209,6 +208,6 @@ fn deviations(i: usize, segment: &AllanSegment) -> [Layer; 3] {
 
 fn meaning(i: usize, segment: &AllanSegment) -> Markup {
     let (class, shape) = look(i);
-    let text = format!("{} readings every {} s", segment.readings, plain(segment.interval_s));
+    let text = format!("{} readings every {} s", segment.readings, trimmed(segment.interval_s));
     legend_entry(class, &symbol(shape, 8.0, 14.0, 7.0), &text)
 }

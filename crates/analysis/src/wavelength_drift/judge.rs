@@ -2,7 +2,7 @@
 
 use super::result::{DriftLimitsApplied, WavelengthDriftResult};
 use crate::COVERAGE_FACTOR;
-use crate::numbers::{coarse, count, fixed, plain, with_expanded};
+use crate::numbers::{coarse, count, fixed, trimmed, with_expanded};
 use crate::verdict::{Decision, Verdict};
 
 /// The verdict on a result, and why.
@@ -26,7 +26,7 @@ pub(super) fn judge(result: &WavelengthDriftResult) -> (Verdict, Vec<String>) {
 
 /// Minutes as people read them.
 pub(crate) fn minutes(seconds: f64) -> String {
-    format!("{} min", plain(seconds / 60.0))
+    format!("{} min", trimmed(seconds / 60.0))
 }
 
 fn warm_up(result: &WavelengthDriftResult, limit: f64) -> (Verdict, String) {

@@ -10,8 +10,8 @@ use super::{clean, small};
 use crate::History;
 use crate::config::RotationConfig;
 use crate::{
-    SimulatedCamera, SimulatedLaser, SimulatedRail, SimulatedRotation, SimulatedThermometer,
-    SimulatedWavemeter, World, WorldConfig, WorldError,
+    SimulatedCamera, SimulatedDiodeThermometer, SimulatedLaser, SimulatedRail, SimulatedRotation,
+    SimulatedThermometer, SimulatedWavemeter, World, WorldConfig, WorldError,
 };
 
 /// A world with its clock, and one of each instrument.
@@ -84,6 +84,37 @@ fn the_wavelength_meter_has_its_own_bias_and_sees_nothing_in_the_dark() {
         assert!((sum / 100.0 - bias).abs() < 4.0 * 0.01 / 10.0, "{} not {bias}", sum / 100.0);
         let room = bench.thermometer.read().await.unwrap();
         assert!((room.value - 22.0).abs() < 4.0 * 0.05);
+    });
+}
+
+#[test]
+fn the_thermometer_on_the_diode_follows_it_with_noise_of_its_own() {
+    let bench = bench(small());
+    let shared = || -> Arc<dyn Clock> { Arc::new(bench.clock.clone()) };
+    let diode = SimulatedDiodeThermometer::new(bench.world.clone(), shared());
+    let history = History { diode_temperature_reads: 300, ..History::default() };
+    let resumed = Arc::new(World::after(small(), 11, history).unwrap());
+    let resumed = SimulatedDiodeThermometer::new(resumed, shared());
+    run(&bench.clock, async {
+        let again = resumed.read().await.unwrap().value;
+        let room = bench.thermometer.read().await.unwrap().value;
+        bench.laser.emit().await.unwrap();
+        bench.clock.sleep(Duration::from_secs(600)).await;
+        let mut squares = 0.0;
+        for _ in 0..300 {
+            let reading = diode.read().await.unwrap();
+            squares += (reading.value - bench.world.truth_at(reading.at).diode_degc).powi(2);
+        }
+        // 300 draws: a standard deviation good to 4 %.
+        assert!(((squares / 300.0_f64).sqrt() / 0.02 - 1.0).abs() < 4.0 * 0.041);
+        // A run that goes on takes the next number of the diode's noise.
+        let next = diode.read().await.unwrap().value;
+        let now = bench.world.truth_at(bench.clock.now()).diode_degc;
+        let cold = bench
+            .world
+            .truth_at(beampose_core::Stamp { monotonic: Duration::ZERO, ..bench.clock.now() });
+        assert!((next - now - (again - cold.diode_degc)).abs() < 1e-9);
+        assert!((room - 22.0).abs() < 4.0 * 0.05, "the room's is another one: {room}");
     });
 }
 
