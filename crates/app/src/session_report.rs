@@ -229,12 +229,12 @@ pub fn adjust_together(
 
 /// The captures as the session's adjustment takes them; `None` where one was not solved by itself.
 pub fn solved_captures(captures: &[ReportCapture]) -> Option<Vec<SolvedCapture<'_>>> {
-    let one = |c| {
-        let ReportCapture { solution, readings, .. } = c;
-        let wavelength_nm = readings.get("wavelength_nm").copied();
-        Some(SolvedCapture { solution: solution.as_ref().ok()?, wavelength_nm })
-    };
-    captures.iter().map(one).collect()
+    let mut solved = Vec::new();
+    for c in captures {
+        let wavelength_nm = c.readings.get("wavelength_nm").copied();
+        solved.push(SolvedCapture { solution: c.solution.as_ref().ok()?, wavelength_nm });
+    }
+    Some(solved)
 }
 
 fn travel_capture(

@@ -167,7 +167,7 @@ pub fn main() -> ExitCode {
     crate::log::begin(cli.verbose, cli.log_format);
     let ended = match cli.command {
         Command::Check(check) => with_runtime(check.execute()),
-        Command::Calibrate(calibrate) => calibrate.execute().await,
+        Command::Calibrate(calibrate) => with_runtime(calibrate.execute()),
         Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Resume(resume) => with_runtime(resume.execute()),
