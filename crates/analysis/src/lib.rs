@@ -27,7 +27,8 @@ pub use report::{
     CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, calibration_html, fan_html,
     html, stability_html, stability_verdict,
 };
-pub use score::{FanScore, MethodScore, ScoredCapture, Truth, score, score_fan};
+pub use score::{FanScore, score_fan};
+pub use score::{MethodScore, ScoredCapture, Truth, score};
 pub use translation::{
     DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,
     translation,

@@ -8,8 +8,13 @@ use nalgebra::Vector3;
 
 use crate::scene::{Laboratory, pattern};
 
-/// Six passes of ten stops, and captures with the module turned before them.
-fn six_passes(laboratory: &Laboratory, seed: u64, turns_deg: &[f64]) -> Vec<CaptureSolution> {
+/// Passes of ten stops, and captures with the module turned before them.
+fn passes(
+    count: u64,
+    laboratory: &Laboratory,
+    seed: u64,
+    turns_deg: &[f64],
+) -> Vec<CaptureSolution> {
     let read = Some(laboratory.read_nm());
     let solve = |sightings: &_| {
         let methods = [Method::VirtualCamera];
@@ -18,8 +23,8 @@ fn six_passes(laboratory: &Laboratory, seed: u64, turns_deg: &[f64]) -> Vec<Capt
     let turned = turns_deg.iter().enumerate().map(|(k, turn)| {
         solve(&laboratory.capture_turned(1000 * seed + 700 + k as u64, 450.0, *turn).0)
     });
-    let stops =
-        (0..60).map(|k| solve(&laboratory.capture(1000 * seed + k, 100.0 * (k % 10) as f64).0));
+    let stops = (0..10 * count)
+        .map(|k| solve(&laboratory.capture(1000 * seed + k, 100.0 * (k % 10) as f64).0));
     turned.chain(stops).collect()
 }
 
@@ -100,7 +105,7 @@ fn a_fan_known_by_its_data_sheet_is_calibrated_by_one_session_with_turned_captur
     let (mut squares, mut of_scale, mut near) = (0.0, 0.0, 0);
     for seed in 0..SEEDS {
         let laboratory = Laboratory::with_fan_known(seed, known(nominal));
-        let captures = six_passes(&laboratory, seed, &turns);
+        let captures = passes(6, &laboratory, seed, &turns);
         let o = outcome("turned", &laboratory, &calibrate(&laboratory, &captures, nominal));
         near += usize::from(o.worst_deg <= 0.002);
         squares += o.normalised.powi(2) / SEEDS as f64;
@@ -118,10 +123,10 @@ fn a_fan_known_by_its_data_sheet_is_calibrated_by_one_session_with_turned_captur
 /// A module that only moves before one flat wall: its scale stays as open as it was, the stated
 /// uncertainty says so, and is true. A fan whose calibration is stated gains what its beams are off.
 #[test]
-fn six_passes_alone_tell_the_beams_but_not_the_scale_and_say_so() {
+fn passes_alone_tell_the_beams_but_not_the_scale_and_say_so() {
     let nominal = FanPrior::nominal();
     let laboratory = Laboratory::with_fan_known(1, known(nominal));
-    let captures = six_passes(&laboratory, 1, &[]);
+    let captures = passes(2, &laboratory, 1, &[]);
     let found = calibrate(&laboratory, &captures, nominal);
     let o = outcome("plain, nominal", &laboratory, &found);
     assert!(found.scale_u > 0.005 && found.scale_told < 0.8, "{}", found.scale_told);
@@ -130,7 +135,7 @@ fn six_passes_alone_tell_the_beams_but_not_the_scale_and_say_so() {
 
     let stated = laboratory_prior();
     let laboratory = Laboratory::drawn(2);
-    let captures = six_passes(&laboratory, 2, &[]);
+    let captures = passes(6, &laboratory, 2, &[]);
     let found = calibrate(&laboratory, &captures, stated);
     let o = outcome("plain, calibrated", &laboratory, &found);
     assert!(o.worst_deg < 0.002 && o.normalised < 1.5, "{}", o.normalised);
