@@ -143,6 +143,21 @@ fn passes_alone_tell_the_beams_but_not_the_scale_and_say_so() {
     assert!(found.pattern.u.angle_deg < 0.5 * 0.0013, "{}", found.pattern.u.angle_deg);
 }
 
+/// Without noise every prior gives back what was drawn, and the nearest grid is the fan's own.
+#[test]
+fn without_noise_the_fan_comes_back_with_its_pitch_and_radial_term() {
+    let laboratory = Laboratory::exact();
+    let captures = passes(1, &laboratory, 0, &[-20.0, 20.0]);
+    let found = calibrate(&laboratory, &captures, FanPrior::nominal());
+    let worst = errors(&laboratory, &found).iter().map(|e| e.0.abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-9, "{worst}");
+    let (grid, covariance) = &found.grid;
+    assert!((grid[0] - 0.05222).abs() < 1e-9 && (grid[1] - 0.035).abs() < 1e-7, "{grid:?}");
+    // The pitch is as open as the scale.
+    let relative = covariance[(0, 0)].sqrt() / grid[0];
+    assert!((relative / found.scale_u - 1.0).abs() < 0.3, "{relative} {}", found.scale_u);
+}
+
 fn laboratory_prior() -> FanPrior {
     let u = pattern().u;
     FanPrior { scale: u.common_relative, beam: u.angle_deg.to_radians() }
