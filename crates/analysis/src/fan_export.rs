@@ -2,12 +2,12 @@
 //! parts apart, beside the pattern file.
 
 use beampose_photogrammetry::calibrate::pattern::{
-    AngleOfPair, Budget, Candidate, FanFit, FanPrior, MeanAngle, SessionFan,
+    AngleOfPair, Budget, Candidate, FanFit, FanModel, MeanAngle, SessionFan,
 };
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
-use crate::report::{FanReport, InputFile};
+use crate::report::{FanReport, SessionFanReport};
 
 /// A calibration with everything that it is worth. Angles are in degrees; covariances are those of the
 /// parameters as they are named.
@@ -52,24 +52,20 @@ fn angles(angles: &[AngleOfPair]) -> Vec<Value> {
     angles.iter().map(one).collect()
 }
 
-/// A fan calibrated from sessions: what was known of it before, how many captures, which sessions. The
-/// covariance is that of the beams' direction cosines, (x, y) of each row by row.
+/// A fan calibrated from sessions. The covariance is that of the beams' direction cosines, (x, y) of
+/// each row by row.
 #[must_use]
-pub fn session_fan_json(
-    name: &str,
-    software: &str,
-    found: &SessionFan,
-    (prior, captures, inputs): (FanPrior, usize, &[InputFile]),
-) -> Value {
+pub fn session_fan_json(input: &SessionFanReport) -> Value {
+    let (found, prior) = (input.found, input.prior);
     let pattern = &found.pattern;
     let rows: Vec<Vec<f64>> =
         found.covariance.row_iter().map(|r| r.iter().copied().collect()).collect();
     json!({
-        "name": name,
-        "software": software,
-        "sessions": inputs.iter()
+        "name": input.name,
+        "software": input.software,
+        "sessions": input.sessions.iter()
             .map(|i| json!({ "session": i.name, "plan_blake3": i.blake3 })).collect::<Vec<_>>(),
-        "captures": captures,
+        "captures": input.captures,
         "columns": pattern.columns,
         "rows": pattern.rows,
         "reference_wavelength_nm": pattern.reference_wavelength_nm,
@@ -78,10 +74,24 @@ pub fn session_fan_json(
         "scale_relative_u": found.scale_u,
         "scale_told_by_pictures": found.scale_told,
         "sigma0": found.sigma0,
+        "radial_grid": nearest_grid(found).iter().map(|(name, value, u)| {
+            json!({ "name": name, "value": value, "u": u })
+        }).collect::<Vec<_>>(),
         "u": { "angle_deg": pattern.u.angle_deg, "common_relative": pattern.u.common_relative },
         "angles": angles(&found.angles),
         "covariance_of_cosines": rows,
     })
+}
+
+/// Pitch on a plane at 1 m and radial term of the grid that comes nearest to a fan from a session, each
+/// with its name and standard uncertainty.
+#[must_use]
+pub fn nearest_grid(found: &SessionFan) -> Vec<(&'static str, f64, f64)> {
+    let (parameters, covariance) = &found.grid;
+    let nm = found.pattern.reference_wavelength_nm;
+    let read = FanModel::RadialGrid.read(parameters, 1000.0, nm);
+    let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+    read.iter().enumerate().map(|(i, p)| (p.name, p.value, u(i) * p.slope.abs())).collect()
 }
 
 fn candidate(candidate: &Candidate, input: &FanReport) -> Value {

@@ -24,12 +24,13 @@ pub use beam_angles::{BeamAngleLimits, BeamAngles, BeamAnglesInput, beam_angles}
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv, series_csv};
-pub use fan_export::{fan_json, session_fan_json};
+pub use fan_export::{fan_json, nearest_grid, session_fan_json};
 pub use fit::LineFit;
 pub use report::{
-    CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, calibration_html, fan_html,
-    html, stability_html, stability_verdict,
+    CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, SessionFanReport,
+    calibration_html, fan_html, html, session_fan_html, stability_html, stability_verdict,
 };
+pub use score::{FanScore, score_fan};
 pub use score::{MethodScore, ScoredCapture, Truth, score};
 pub use translation::{
     DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,

@@ -6,6 +6,8 @@
 use std::collections::BTreeMap;
 
 use beampose_core::{CaptureId, Pose};
+use beampose_photogrammetry::Pattern;
+use beampose_photogrammetry::pattern::{angle_between, neighbour_pairs};
 use beampose_photogrammetry::rotation::from_wxyz;
 use beampose_photogrammetry::solve::Method;
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -34,6 +36,50 @@ pub struct ScoredCapture {
     pub truth: Truth,
     /// Per method a pose, or why there is none.
     pub poses: BTreeMap<Method, Result<Pose, String>>,
+}
+
+/// How far a fan's angles are from the true ones, at its reference wavelength.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FanScore {
+    /// Angles between neighbours compared.
+    pub angles: usize,
+    /// Root mean square of their errors.
+    pub rms_angle_error_deg: f64,
+    /// Largest error.
+    pub max_angle_error_deg: f64,
+    /// Mean relative error of the angles between horizontal and vertical neighbours.
+    pub mean_relative_error: f64,
+}
+
+/// Compares a fan with the true one, whose beams are those of `truth` at `1 + common` times its
+/// reference wavelength. `None` where the two do not have the same beams.
+#[must_use]
+pub fn score_fan(found: &Pattern, truth: &Pattern, common: f64) -> Option<FanScore> {
+    if [found.columns, found.rows] != [truth.columns, truth.rows] {
+        return None;
+    }
+    // What is found may hold at another wavelength.
+    let scale = (1.0 + truth.scale_at(found.reference_wavelength_nm)) * (1.0 + common) - 1.0;
+    let (mut squares, mut most, mut relative) = (0.0, 0.0_f64, Vec::new());
+    let pairs = neighbour_pairs(found);
+    for pair in &pairs {
+        let is = angle_between(&found.direction(pair.a, 0.0)?, &found.direction(pair.b, 0.0)?);
+        let true_one =
+            angle_between(&truth.direction(pair.a, scale)?, &truth.direction(pair.b, scale)?);
+        let error = (is - true_one).to_degrees();
+        squares += error * error;
+        most = most.max(error.abs());
+        if pair.a.m == pair.b.m || pair.a.n == pair.b.n {
+            relative.push(is / true_one - 1.0);
+        }
+    }
+    Some(FanScore {
+        angles: pairs.len(),
+        rms_angle_error_deg: (squares / pairs.len().max(1) as f64).sqrt(),
+        max_angle_error_deg: most,
+        mean_relative_error: relative.iter().sum::<f64>() / relative.len().max(1) as f64,
+    })
 }
 
 /// How one method did. Every number but the counts is absent where no capture gives it.

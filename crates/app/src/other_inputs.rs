@@ -85,7 +85,11 @@ fn text(file: &Path, what: &str) -> Result<String, String> {
     referred(Path::new(""), &file.display().to_string(), what)
 }
 
-fn pattern(file: &Path) -> Result<Pattern, String> {
+/// A pattern file.
+///
+/// # Errors
+/// What is wrong with it, for people.
+pub fn pattern(file: &Path) -> Result<Pattern, String> {
     let beside = file.parent().unwrap_or(Path::new(""));
     read_pattern_with(&text(file, "pattern")?, |table, size| {
         beams::parse(table, &referred(beside, table, "table of beams")?, size)

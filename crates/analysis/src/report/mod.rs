@@ -27,7 +27,7 @@ mod tables;
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
-pub use fan::{FanReport, fan_html};
+pub use fan::{FanReport, SessionFanReport, fan_html, session_fan_html};
 pub use input::{
     Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
 };

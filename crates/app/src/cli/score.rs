@@ -1,11 +1,16 @@
 //! `beampose score`: the only reader of the simulation's truth.
 
-use beampose_analysis::{MethodScore, ScoredCapture, Truth, score};
+use beampose_analysis::{FanScore, MethodScore, ScoredCapture, Truth, score, score_fan};
+use beampose_core::SessionId;
+use beampose_photogrammetry::Pattern;
 use beampose_photogrammetry::solve::Method;
+use beampose_store::Store;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use super::sessions::plain_table;
 use super::{Database, Ended, close, find};
+use crate::other_inputs::pattern;
 use crate::output::{Exit, print};
 use crate::session_report::load;
 
@@ -18,6 +23,9 @@ use crate::session_report::load;
 pub struct Score {
     /// Which session
     session: String,
+    /// Compare a fan with that of the session instead: a pattern file, as `calibrate pattern` writes it
+    #[arg(long, value_name = "FILE")]
+    pattern: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -29,6 +37,12 @@ impl Score {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
+        if let Some(path) = &self.pattern {
+            let compared = compare_fan(&store, id, path).await?;
+            close(store).await;
+            print(&if self.json { serde_json::to_string(&compared)? } else { in_words(&compared) });
+            return Ok(Exit::Success);
+        }
         let truths = beampose_store::truth::captures(&store, id).await?;
         if truths.is_empty() {
             let simulated = store.session(id).await?.header.seed.is_some();
@@ -61,6 +75,36 @@ impl Score {
         close(store).await;
         Ok(Exit::Success)
     }
+}
+
+/// The part of the true parameters that a fan is compared with.
+#[derive(serde::Deserialize)]
+struct TrueFan {
+    pattern: Pattern,
+    pattern_common_error: f64,
+}
+
+async fn compare_fan(store: &Store, id: SessionId, path: &Path) -> Result<FanScore, Ended> {
+    let found = pattern(path).map_err(Ended::input)?;
+    let Some(json) = beampose_store::truth::parameters(store, id).await? else {
+        let why = "it is not simulated, or has no captures";
+        return Err(Ended::input(format!("session {id} has no truth to compare with: {why}")));
+    };
+    let truth: TrueFan = serde_json::from_str(&json)?;
+    score_fan(&found, &truth.pattern, truth.pattern_common_error).ok_or_else(|| {
+        let shown = path.display();
+        Ended::input(format!("{shown}: the fan has other beams than that of session {id}"))
+    })
+}
+
+fn in_words(score: &FanScore) -> String {
+    format!(
+        "{} angles: rms {:.5} deg, largest {:.5} deg, all together {:+.4} %",
+        score.angles,
+        score.rms_angle_error_deg,
+        score.max_angle_error_deg,
+        100.0 * score.mean_relative_error
+    )
 }
 
 /// The part of the stored truth that is scored.

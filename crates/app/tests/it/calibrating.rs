@@ -147,6 +147,77 @@ fn several_calibrations_are_compared_and_so_are_their_files() {
     assert!(told.contains("changes from one calibration to the next"), "{told}");
 }
 
+/// Ten horizontal and ten vertical angles of the dissertation's fan, three times each, to the digits
+/// of a stage, read at a wavelength that drifts.
+fn measured_angles() -> String {
+    use beampose_photogrammetry::Order;
+    use beampose_photogrammetry::calibrate::pattern::{FanModel, StageAxis, StageGeometry};
+    let direction = |order, nm: f64| {
+        FanModel::RadialGrid.direction(&[0.05222, 0.035], order, nm / 658.0 - 1.0).unwrap()
+    };
+    let stage = StageGeometry::aligned(5000.0);
+    let mut text =
+        "from_m,from_n,to_m,to_n,axis,repeat,angle_deg,wavelength_nm # stage\n".to_owned();
+    for (axis, dm) in [(StageAxis::Horizontal, 1), (StageAxis::Vertical, 0)] {
+        for k in -5..5 {
+            let (from, to) = (
+                Order { m: k * dm, n: k * (1 - dm) },
+                Order { m: (k + 1) * dm, n: (k + 1) * (1 - dm) },
+            );
+            for repeat in 1..=3 {
+                let nm = 658.0 + 0.01 * f64::from(k + repeat);
+                let turn = stage.turn(&direction(from, nm), &direction(to, nm), axis).unwrap();
+                let angle = turn.to_degrees() + 0.001 * f64::from(repeat - 2);
+                text.push_str(&format!(
+                    "{},{},{},{},{},{repeat},{angle:.6},{nm:.3}\n",
+                    from.m,
+                    from.n,
+                    to.m,
+                    to.n,
+                    axis.name()
+                ));
+            }
+        }
+    }
+    text
+}
+
+#[test]
+fn measured_angles_give_a_pattern_that_reads_back_and_its_files() {
+    let lab = Lab::new();
+    lab.write("stage.csv", &measured_angles());
+    let typed = ["calibrate", "pattern", "stage.csv", "--out", "out", "--json"];
+    let json = lab.beampose(&typed).expect_code(0).json();
+    assert_eq!((&json["model"], &json["measurements"]), (&"radial-grid".into(), &60.into()));
+    let fit = &json["fit"];
+    for (name, value) in [("pitch_mm", 52.22), ("k1_per_mm2", 3.5e-8)] {
+        let found = parameter(fit, name);
+        let off = found["value"].as_f64().unwrap() - value;
+        // The angles are exact but for their sixth decimal.
+        assert!(off.abs() < 0.01 * found["u"].as_f64().unwrap(), "{found}");
+    }
+    assert!((json["standard_deviation_of_one_deg"].as_f64().unwrap() - 0.001).abs() < 1e-5);
+    assert_eq!(json["angles"].as_array().unwrap().len(), 420);
+    let text = std::fs::read_to_string(lab.path("out/stage.yaml")).unwrap();
+    let pattern = beampose_photogrammetry::pattern::read_pattern(&text).unwrap();
+    assert_eq!(pattern.u.common_relative, json["u"]["common_relative"].as_f64().unwrap());
+    let angles = std::fs::read_to_string(lab.path("out/stage_angles.csv")).unwrap();
+    assert_eq!(angles.lines().count(), 421);
+    let page = std::fs::read_to_string(lab.path("out/stage.html")).unwrap();
+    for part in ["Angles against order", "Residuals of each model", "Budget of one angle", "52.220"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+    for never in ["NaN", "<script", "http://", "src="] {
+        assert!(!page.contains(never), "{never}");
+    }
+    let again = [&typed[..], &["--model", "grating", "--name", "by_periods"]].concat();
+    lab.beampose(&again).expect_code(0);
+    let text = std::fs::read_to_string(lab.path("out/by_periods.yaml")).unwrap();
+    let table = beampose_photogrammetry::pattern::read_pattern(&text).unwrap();
+    assert!(matches!(table.model, beampose_photogrammetry::PatternModel::Table { .. }));
+}
+
 #[test]
 fn a_sheet_of_targets_goes_to_a_file_or_to_standard_output() {
     let lab = Lab::new();
@@ -170,7 +241,9 @@ fn what_cannot_be_calibrated_or_printed_is_told_in_one_message() {
     lab.write("empty/sheet.yaml", SHEET);
     lab.write("bare/picture.txt", "");
     lab.write("wrong/sheet.yaml", &replaced(SHEET, "rows: 8", "rows: 1"));
-    let cases: [(&str, &str); 16] = [
+    lab.write("stage.csv", &replaced(&measured_angles(), "0,0,1,0,horizontal,2,", "0,0,1,0,up,2,"));
+    lab.write("outside.csv", &measured_angles());
+    let cases: [(&str, &str); 21] = [
         ("calibrate camera nowhere", "nowhere: no such file"),
         ("calibrate camera bare", "bare/sheet.yaml: no such file"),
         ("calibrate camera empty", "empty: there is no JPEG or PNG picture in it"),
@@ -182,6 +255,14 @@ fn what_cannot_be_calibrated_or_printed_is_told_in_one_message() {
         ("calibrate camera left.csv --estimate fx,k4", "`k4` is no parameter"),
         ("calibrate camera left.csv --size 640x480 --name ../x", "`../x` is no name for files"),
         ("calibrate compare left.csv left.csv", "left.csv: "),
+        ("calibrate pattern", "the following required arguments were not provided"),
+        ("calibrate pattern none.csv", "none.csv: no such file"),
+        (
+            "calibrate pattern stage.csv",
+            "stage.csv:18: column `axis`: expected horizontal or vertical",
+        ),
+        ("calibrate pattern outside.csv --size 9x9", "outside.csv: the fan has no beam (-5, 0)"),
+        ("calibrate pattern outside.csv --u-offset-mm 1", "expected 2 numbers with commas between"),
         ("targets --codes 44", "code 44 is code 11 turned: write 11"),
         ("targets --codes 1", "can be mistaken for something else; the nearest that serves is 5"),
         ("targets --codes 5000", "code 5000 is out of range: codes are below 4096"),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::lab::{Lab, plan};
+use crate::lab::{Lab, plan, turned_plan};
 
 const SEEDS: u64 = 10;
 
@@ -50,4 +50,32 @@ fn score_over_ten_seeds_finds_the_stated_covariances_true() {
             assert!(ASKED.contains(&mean), "{method}: {mean} +- {standard_error}");
         }
     }
+}
+
+/// From a data sheet (1 % of the whole, 0.05 degrees of each beam) to angles that are right within
+/// what is stated of them: all share one error of scale, so that the largest of 420 is at four
+/// standard uncertainties where the scale is at three.
+#[test]
+fn a_fan_calibrated_from_a_sessions_pictures_is_scored_within_what_it_states() {
+    let lab = Lab::new();
+    let ended = lab.run(&turned_plan(), &["--seed", "3"]);
+    assert!(ended.code <= 1, "{}", ended.err);
+    let typed = ["calibrate", "pattern", "--session", "latest", "--nominal", "--json"];
+    let fan = lab.beampose(&typed).expect_code(0).json();
+    let typed = ["score", "latest", "--pattern", "calibrations/fan.yaml", "--json"];
+    let score = lab.beampose(&typed).expect_code(0).json();
+    let angles = fan["angles"].as_array().unwrap();
+    assert_eq!((&score["angles"], angles.len()), (&420.into(), 420));
+    let u = angles.iter().map(|a| a["u_deg"].as_f64().unwrap()).fold(0.0, f64::max);
+    let most = score["max_angle_error_deg"].as_f64().unwrap();
+    let told = fan["scale_told_by_pictures"].as_f64().unwrap();
+    println!("largest error {most:.5} deg, largest u {u:.5} deg, scale told {told:.4}; {score}");
+    assert!(most < 4.0 * u && told > 0.9, "{most} {u} {told}");
+    let scale = score["mean_relative_error"].as_f64().unwrap();
+    assert!(scale.abs() < 3.0 * fan["scale_relative_u"].as_f64().unwrap(), "{scale}");
+
+    let typed = ["score", "latest", "--pattern", "nowhere.yaml"];
+    assert!(lab.beampose(&typed).expect_code(2).err.contains("nowhere.yaml: no such file"));
+    let typed = ["calibrate", "pattern", "--session", "nobody"];
+    lab.beampose(&typed).expect_code(2);
 }

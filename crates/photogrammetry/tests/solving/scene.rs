@@ -207,6 +207,13 @@ impl Laboratory {
         Self::new(seed, 1.0, &THREE, setup)
     }
 
+    /// Every declared error drawn, of a fan that is known so well: degrees of each beam, relative of all.
+    pub fn with_fan_known(seed: u64, u: PatternUncertainty) -> Self {
+        let mut setup = setup(&THREE);
+        setup.pattern.u = u;
+        Self::new(seed, 1.0, &THREE, setup)
+    }
+
     fn new(seed: u64, noise: f64, views: Cameras<'_>, setup: Setup) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut draw = |sigma: f64| noise * sigma * normal(&mut rng);

@@ -2,9 +2,13 @@
 
 mod budget;
 mod plots;
+mod session;
+
+pub use session::{SessionFanReport, session_fan_html};
 
 use beampose_photogrammetry::calibrate::pattern::{
-    Budget, BudgetSizes, Candidate, FanCalibration, FanFit, FanModel, FanOptions, MeanAngle,
+    AngleOfPair, Budget, BudgetSizes, Candidate, FanCalibration, FanFit, FanModel, FanOptions,
+    MeanAngle,
 };
 use maud::{Markup, html};
 
@@ -50,7 +54,7 @@ pub fn fan_html(input: &FanReport) -> String {
         section { h2 { "Residuals of each model" } (plots::residuals(input.found)) (comparison(input.found)) }
         section { h2 { "What all angles share" } (shared(input)) }
         section { h2 { "Budget of one angle" } (budget::budget(input.budget, input.sizes)) }
-        section { h2 { "All angles between neighbours" } (all_angles(input)) }
+        section { h2 { "All angles between neighbours" } (tables(&input.found.angles)) }
         section { h2 { "Provenance" } (provenance(input)) }
     };
     page(&format!("{} · beam angles", input.name), &body)
@@ -221,7 +225,7 @@ fn candidate(candidate: &Candidate, is_taken: bool) -> Markup {
     html! {
         tr {
             th { (candidate.model.name()) }
-            td { (candidate.model.len()) }
+            td { (candidate.model.count()) }
             @match &candidate.fit {
                 Ok(fit) => {
                     td { (fixed(fit.effective, 2)) } td { (fixed(fit.chi2, 2)) }
@@ -290,8 +294,8 @@ fn shared(input: &FanReport) -> Markup {
     }
 }
 
-fn all_angles(input: &FanReport) -> Markup {
-    let angles = &input.found.angles;
+/// All angles, by their direction.
+fn tables(angles: &[AngleOfPair]) -> Markup {
     let kinds = [
         ("horizontal", (1, 0)),
         ("vertical", (0, 1)),
@@ -316,7 +320,7 @@ fn all_angles(input: &FanReport) -> Markup {
     }
 }
 
-fn table_of(angles: &[&beampose_photogrammetry::calibrate::pattern::AngleOfPair]) -> Markup {
+fn table_of(angles: &[&AngleOfPair]) -> Markup {
     let mut rows: Vec<i32> = angles.iter().map(|a| a.pair.a.n).collect();
     rows.sort_unstable();
     rows.dedup();

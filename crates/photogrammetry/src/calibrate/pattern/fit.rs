@@ -153,8 +153,8 @@ pub(super) fn fit(
     means: &[MeanAngle],
     known: &Known,
 ) -> Result<FanFit, FanFitError> {
-    if means.len() < model.len() {
-        return Err(FanFitError::TooFew { angles: means.len(), parameters: model.len() });
+    if means.len() < model.count() {
+        return Err(FanFitError::TooFew { angles: means.len(), parameters: model.count() });
     }
     let system = System { model, means, known };
     let mut at: Vec<f64> = start.to_vec();
@@ -236,12 +236,12 @@ impl Linear {
 
 impl System<'_> {
     fn len(&self) -> usize {
-        self.model.len() + SHARED
+        self.model.count() + SHARED
     }
 
     /// Computed turns.
     fn turns(&self, at: &[f64]) -> Option<Vec<f64>> {
-        let (parameters, shared) = at.split_at(self.model.len());
+        let (parameters, shared) = at.split_at(self.model.count());
         let mut geometry = self.known.geometry;
         geometry.offset[0] = shared[1];
         geometry.offset[1] = shared[2];
@@ -255,7 +255,7 @@ impl System<'_> {
 
     /// What is known of an unknown beforehand.
     fn prior(&self, unknown: usize) -> Option<Nuisance> {
-        let count = self.model.len();
+        let count = self.model.count();
         let prior = match (self.model, unknown) {
             (_, i) if i >= count => self.known.shared[i - count],
             (FanModel::Grating, 2) => Nuisance { value: 0.0, sigma: self.known.non_orthogonality },
@@ -286,7 +286,7 @@ impl System<'_> {
         let residuals = self.residuals(at).ok_or(FanFitError::NoBeam)?;
         let mut jacobian = DMatrix::zeros(residuals.len(), self.len());
         for i in (0..self.len()).filter(|i| !self.is_held(*i)) {
-            let step = if i > self.model.len() { STEP_MM } else { STEP };
+            let step = if i > self.model.count() { STEP_MM } else { STEP };
             let moved = |by: f64| {
                 let mut there = at.to_vec();
                 there[i] += by;
@@ -314,7 +314,8 @@ impl System<'_> {
         let eigen = scaled.symmetric_eigen();
         let weakest = eigen.eigenvalues.imin();
         let named = free[eigen.eigenvectors.column(weakest).iamax()];
-        if !(eigen.eigenvalues[weakest] > LEAST_EIGENVALUE) {
+        let value = eigen.eigenvalues[weakest];
+        if value.is_nan() || value <= LEAST_EIGENVALUE {
             return Err(self.undetermined(named));
         }
         let mut inverse = DMatrix::zeros(normal.nrows(), normal.nrows());
@@ -329,7 +330,7 @@ impl System<'_> {
                 inverse[(*at_r, *at_c)] = sum / (scale[r] * scale[c]);
             }
         }
-        Ok((inverse, (named, eigen.eigenvalues[weakest])))
+        Ok((inverse, (named, value)))
     }
 
     fn undetermined(&self, unknown: usize) -> FanFitError {
@@ -363,7 +364,7 @@ impl System<'_> {
 
     fn finish(&self, at: &[f64], iterations: usize) -> Result<FanFit, FanFitError> {
         let linear = self.linear(at)?;
-        let count = self.model.len();
+        let count = self.model.count();
         let (all, _) = self.inverse(&linear.normal(0))?;
         // With what is shared held at its estimate, only the scatter of the angles is left.
         let held = linear.normal(0);
@@ -394,7 +395,7 @@ impl System<'_> {
     }
 
     fn with_shared_held(&self, at: &[f64]) -> Known {
-        let held = |i: usize| Nuisance { value: at[self.model.len() + i], sigma: 0.0 };
+        let held = |i: usize| Nuisance { value: at[self.model.count() + i], sigma: 0.0 };
         Known { shared: std::array::from_fn(held), ..*self.known }
     }
 }

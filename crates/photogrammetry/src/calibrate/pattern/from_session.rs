@@ -12,9 +12,11 @@
 
 use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 
-use super::AngleOfPair;
+use super::{AngleOfPair, FanModel};
 use crate::adjust::Options;
-use crate::pattern::{Pattern, PatternModel, PatternUncertainty, angle_between, neighbour_pairs};
+use crate::pattern::{
+    Order, Pattern, PatternModel, PatternUncertainty, angle_between, neighbour_pairs,
+};
 use crate::scene::Setup;
 use crate::solve::{SessionSolution, SolvedCapture, solve_session_with};
 
@@ -64,6 +66,9 @@ pub struct SessionFan {
     pub scale_told: f64,
     /// Covariance of the beams' direction cosines, (x, y) of each row by row.
     pub covariance: DMatrix<f64>,
+    /// The radial grid that comes nearest to all beams, as [`FanModel::tangent`] takes it, with its
+    /// covariance: to be held against one from a stage.
+    pub grid: (Vec<f64>, DMatrix<f64>),
     /// Root of the a posteriori variance of unit weight of the session.
     pub sigma0: f64,
 }
@@ -174,8 +179,47 @@ fn finish(
     pattern.model = PatternModel::Table { tangents: tangents? };
     pattern.u = PatternUncertainty { angle_deg: single.to_degrees(), common_relative: scale_u };
     let angles = angles(&pattern, cosines, &covariance, &own)?;
+    let grid = grid(before, &flat, &covariance)?;
     let scale_told = 1.0 - (scale_u / prior).powi(2).min(1.0);
-    Some(SessionFan { pattern, angles, scale, scale_u, scale_told, covariance, sigma0 })
+    Some(SessionFan { pattern, angles, scale, scale_u, scale_told, covariance, grid, sigma0 })
+}
+
+/// Steps of Gauss and Newton from any fan: each gains some digits.
+const GRID_STEPS: usize = 8;
+
+/// The radial grid nearest to direction cosines. All beams have the same weight: what single beams are
+/// off the grid is more than what is not known of them.
+fn grid(
+    before: &Pattern,
+    cosines: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    let model = FanModel::RadialGrid;
+    let computed = |at: &[f64]| -> Option<DVector<f64>> {
+        let each = before.orders().map(|o| Some(model.direction(at, o, 0.0)?.xy()));
+        let all: Vec<Vector2<f64>> = each.collect::<Option<_>>()?;
+        Some(DVector::from_iterator(2 * all.len(), all.iter().flat_map(|c| [c.x, c.y])))
+    };
+    let middle = before.direction(Order { m: 1, n: 0 }, 0.0)?;
+    let mut at = model.start(middle.x.atan2(middle.z));
+    let mut solve = DMatrix::zeros(at.len(), cosines.len());
+    for _ in 0..GRID_STEPS {
+        let mut columns = Vec::new();
+        for i in 0..at.len() {
+            let moved = |by: f64| {
+                let mut there = at.clone();
+                there[i] += by;
+                computed(&there)
+            };
+            columns.push((moved(1e-6)? - moved(-1e-6)?) / 2e-6);
+        }
+        let slopes = DMatrix::from_columns(&columns);
+        solve = slopes.tr_mul(&slopes).try_inverse()? * slopes.transpose();
+        let step = &solve * (cosines - computed(&at)?);
+        at.iter_mut().zip(step.iter()).for_each(|(a, s)| *a += s);
+    }
+    let covariance = &solve * covariance * solve.transpose();
+    Some((at, covariance))
 }
 
 /// All angles between neighbours with their uncertainties.

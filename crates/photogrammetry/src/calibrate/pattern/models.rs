@@ -41,7 +41,7 @@ impl FanModel {
 
     /// Number of parameters.
     #[must_use]
-    pub const fn len(self) -> usize {
+    pub const fn count(self) -> usize {
         match self {
             Self::RadialGrid => 2,
             Self::Grating => 6,
@@ -155,9 +155,9 @@ mod tests {
     #[test]
     fn what_people_read_has_the_stated_slope() {
         for model in FanModel::ALL {
-            let at: Vec<f64> = (0..model.len()).map(|i| 0.05 + 0.01 * i as f64).collect();
+            let at: Vec<f64> = (0..model.count()).map(|i| 0.05 + 0.01 * i as f64).collect();
             let here = model.read(&at, 1000.0, 658.0);
-            for i in 0..model.len() {
+            for i in 0..model.count() {
                 let mut next = at.clone();
                 next[i] += 1e-7;
                 let there = model.read(&next, 1000.0, 658.0)[i].value;

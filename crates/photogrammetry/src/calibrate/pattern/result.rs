@@ -176,8 +176,8 @@ fn corrected_means(
     let mut parameters = grid.start(step);
     for _ in 0..ROUNDS {
         let means = means(measured, options, known, &parameters)?;
-        if pairs(measured).len() < grid.len() {
-            let (angles, parameters) = (means.len(), grid.len());
+        if pairs(measured).len() < grid.count() {
+            let (angles, parameters) = (means.len(), grid.count());
             return Err(FanFitError::TooFew { angles, parameters });
         }
         parameters = fit(grid, &parameters, &means, known)?.parameters;

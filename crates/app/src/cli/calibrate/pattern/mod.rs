@@ -25,16 +25,12 @@ const DRAWS: usize = 20_000;
 
 /// Calibrate the fan of beams from angles that were measured on a rotation stage, or from sessions
 ///
-/// MEASURED is a CSV file, one line a measurement under a heading that names the columns in any order:
-///
-///     from_m,from_n   the beam that stood at the reference place (m to the right, n down)
-///     to_m,to_n       the beam that the stage brought there
-///     axis            horizontal; vertical: the module is rolled by a quarter turn
-///     repeat          a number for each repetition of a pair
-///     angle_deg       how far the stage turned; its sign does not count
-///     u_deg           standard uncertainty of that (optional)
-///     wavelength_nm   in vacuum, read at it (optional)
-///     u_wavelength_nm of that reading alone (optional)
+/// CSV is a file with one line a measurement under a heading that names the columns in any order:
+/// `from_m`, `from_n` (the beam that stood at the reference place: m to the right, n down), `to_m`,
+/// `to_n` (the beam that the stage brought there), `axis` (`horizontal`, or `vertical` where the module
+/// is rolled by a quarter turn), `repeat` (a number for each repetition of a pair), `angle_deg` (how far
+/// the stage turned; its sign does not count); and optional `u_deg` (its standard uncertainty),
+/// `wavelength_nm` (in vacuum, read at it), `u_wavelength_nm` (of that reading alone).
 ///
 /// Empty lines and what follows `#` are passed over. Each angle is corrected to the reference
 /// wavelength: direction cosines scale with it (d sin theta = m lambda). Repetitions are averaged. Two

@@ -1,6 +1,8 @@
 //! The fan from the photographs of stored sessions.
 
-use beampose_analysis::{InputFile, session_fan_json};
+use beampose_analysis::{
+    InputFile, SessionFanReport, nearest_grid, session_fan_html, session_fan_json,
+};
 use beampose_photogrammetry::Setup;
 use beampose_photogrammetry::calibrate::pattern::{
     FanPrior, SessionFan, calibrate_from_session, write_fan_angles,
@@ -9,6 +11,7 @@ use beampose_photogrammetry::pattern::write_pattern;
 
 use super::super::super::{close, find};
 use super::super::camera::is_file_name;
+use super::told::parameter;
 use super::{Ended, Pattern, put};
 use crate::output::{Exit, print};
 use crate::pipeline::SOFTWARE;
@@ -19,7 +22,7 @@ impl Pattern {
     pub(super) async fn of_sessions(&self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let mut together: Option<Setup> = None;
-        let (mut captures, mut inputs) = (Vec::new(), Vec::new());
+        let (mut all, mut inputs) = (Vec::new(), Vec::new());
         for wanted in &self.session {
             let id = find(&store, wanted).await?;
             let loaded = load(&store, id).await?;
@@ -28,7 +31,7 @@ impl Pattern {
                 return Err(Ended::input(format!("session {id} was measured otherwise: {why}")));
             }
             together = Some(loaded.setup);
-            captures.extend(loaded.captures);
+            all.extend(loaded.captures);
             let blake3 = loaded.session.header.plan_hash.clone();
             inputs.push(InputFile { name: id.to_string(), blake3 });
         }
@@ -39,16 +42,23 @@ impl Pattern {
             return Err(Ended::input(format!("`{name}` is no name for files: --name gives one")));
         }
         let prior = self.prior(&setup);
-        let count = captures.len();
+        // A capture that was not solved tells nothing here.
+        all.retain(|c| c.solution.is_ok());
+        let captures = all.len();
         let found = tokio::task::spawn_blocking(move || {
-            // A capture that has no pose of its own tells nothing here.
-            captures.retain(|c| c.solution.is_ok());
-            let solved = solved_captures(&captures).unwrap_or_default();
+            let solved = solved_captures(&all).unwrap_or_default();
             calibrate_from_session(&setup, &solved, prior)
         })
         .await?
         .map_err(|why| Ended::input(format!("the fan cannot be calibrated: {why}")))?;
-        self.tell_session(&name, &found, prior, (count, &inputs))
+        self.tell_session(&SessionFanReport {
+            name,
+            found: &found,
+            prior,
+            captures,
+            sessions: &inputs,
+            software: SOFTWARE.to_owned(),
+        })
     }
 
     fn prior(&self, setup: &Setup) -> FanPrior {
@@ -61,22 +71,18 @@ impl Pattern {
         }
     }
 
-    fn tell_session(
-        &self,
-        name: &str,
-        found: &SessionFan,
-        prior: FanPrior,
-        (captures, inputs): (usize, &[InputFile]),
-    ) -> Result<Exit, Ended> {
-        let json = session_fan_json(name, SOFTWARE, found, (prior, captures, inputs));
+    fn tell_session(&self, report: &SessionFanReport) -> Result<Exit, Ended> {
+        let (name, found) = (&report.name, report.found);
+        let json = session_fan_json(report);
         put(&self.out, &format!("{name}.yaml"), &write_pattern(&found.pattern))?;
         put(&self.out, &format!("{name}_angles.csv"), &write_fan_angles(&found.angles))?;
         put(&self.out, &format!("{name}.json"), &serde_json::to_string_pretty(&json)?)?;
+        put(&self.out, &format!("{name}.html"), &session_fan_html(report))?;
         if self.json {
             print(&json.to_string());
         } else {
-            print(&in_words(name, found, prior, captures));
-            print(&self.out.join(format!("{name}.yaml")).display().to_string());
+            print(&in_words(name, found, report.prior, report.captures));
+            print(&self.out.join(format!("{name}.html")).display().to_string());
         }
         Ok(Exit::Success)
     }
@@ -87,7 +93,7 @@ fn in_words(name: &str, found: &SessionFan, prior: FanPrior, captures: usize) ->
     let random = found.angles.iter().map(|a| a.u_random).fold(0.0, f64::max).to_degrees();
     let u = found.pattern.u;
     let told = 100.0 * found.scale_told;
-    [
+    let mut lines = vec![
         format!("{name}: {captures} captures, sigma0 {:.3}", found.sigma0),
         format!(
             "  prior: scale {:.4} %, one beam {:.5} deg",
@@ -104,6 +110,7 @@ fn in_words(name: &str, found: &SessionFan, prior: FanPrior, captures: usize) ->
             "  {} angles, u up to {most:.5} deg, up to {random:.5} deg without the common scale",
             found.angles.len()
         ),
-    ]
-    .join("\n")
+    ];
+    lines.extend(nearest_grid(found).iter().map(|(name, value, u)| parameter(name, *value, *u)));
+    lines.join("\n")
 }

@@ -33,13 +33,7 @@ pub fn in_words(report: &FanReport, measurements: usize) -> String {
     let read = fit.model.read(&fit.parameters, options.grid_distance, nm);
     for (i, p) in read.iter().enumerate() {
         let u = fit.covariance[(i, i)].max(0.0).sqrt() * p.slope.abs();
-        // Two digits of the uncertainty; a radial term is far below what decimals show.
-        let text = if p.value != 0.0 && u < 1e-8 {
-            format!("{:.4e}  u {u:.1e}", p.value)
-        } else {
-            format!("{}  u {}", digits(p.value, 6), digits(u, 2))
-        };
-        lines.push(format!("  {:<22} {text}", p.name));
+        lines.push(parameter(p.name, p.value, u));
     }
     let u = &found.pattern.u;
     let most = found.angles.iter().map(|a| a.u).fold(0.0, f64::max).to_degrees();
@@ -58,4 +52,15 @@ pub fn in_words(report: &FanReport, measurements: usize) -> String {
         budget.drawn.to_degrees()
     ));
     lines.join("\n")
+}
+
+/// A parameter with its standard uncertainty, two digits of it; a radial term is far below what decimals
+/// show.
+pub fn parameter(name: &str, value: f64, u: f64) -> String {
+    let text = if value != 0.0 && u < 1e-8 {
+        format!("{value:.4e}  u {u:.1e}")
+    } else {
+        format!("{}  u {}", digits(value, 6), digits(u, 2))
+    };
+    format!("  {name:<22} {text}")
 }
