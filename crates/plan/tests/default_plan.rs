@@ -45,7 +45,11 @@ fn every_plan_that_comes_with_the_program_is_sound() {
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
         let plan = read_plan(&name, &std::fs::read(&path).unwrap());
         let plan = plan.unwrap_or_else(|faults| panic!("{faults}"));
-        let summary = check(&plan, &rig()).unwrap_or_else(|faults| panic!("{faults}"));
+        // Each with the rig that it names.
+        let rig = experiments().join("plans").join(&plan.rig.as_ref().unwrap().value);
+        let rig = read_rig("rig", &std::fs::read(rig).unwrap());
+        let rig = rig.unwrap_or_else(|faults| panic!("{faults}"));
+        let summary = check(&plan, &rig).unwrap_or_else(|faults| panic!("{faults}"));
         assert!(!summary.steps.is_empty());
         count += 1;
     }

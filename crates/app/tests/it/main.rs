@@ -5,6 +5,7 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests stop the test")]
 
 mod bad_input;
+mod beam_angles;
 mod calibrating;
 #[path = "../../../photogrammetry/tests/calibrating/draw.rs"]
 mod draw;

@@ -39,10 +39,17 @@ fn every_plan_runs_on_its_rig_solves_all_and_passes() {
     for plan in shipped() {
         let lab = Lab::new();
         let plan = plan.to_str().unwrap();
-        let run = ["run", plan, "--picture-scale", SCALE, "--json", "--out", "report"];
+        // Those of a goniometer are small already, and its dots must not get smaller.
+        let scale = if plan.contains("beam-angle") { "1" } else { SCALE };
+        let run = ["run", plan, "--picture-scale", scale, "--json", "--out", "report"];
         let ended = lab.beampose(&run).expect_code(0);
         assert_eq!(ended.json()["verdict"], "pass", "{plan}");
         let report = lab.beampose(&["report", "latest", "--json"]).expect_code(0).json();
+        if report["experiment"] == "beam-angle-calibration" {
+            // Its pictures are of single dots: there is no pose to find.
+            assert_eq!(report["fan"]["angles"].as_array().unwrap().len(), 420, "{plan}");
+            continue;
+        }
         assert_eq!(report["solved"], report["captures"], "{plan}");
         if report["captures"] == 0 {
             // A drift of the wavelength has readings alone: there is no pose to score.
