@@ -288,11 +288,12 @@ impl Track {
     /// The slope of its places over the axis; `None` where they lie too close together.
     fn gain(&self) -> Option<[f64; 2]> {
         let count = self.places.len() as f64;
-        let mean =
-            |of: &dyn Fn(&(f64, [f64; 2])) -> f64| self.places.iter().map(of).sum::<f64>() / count;
-        let at = mean(&|place| place.0);
-        let square = mean(&|place| (place.0 - at).powi(2));
-        let slope = |i: usize| mean(&|place| (place.0 - at) * place.1[i]) / square;
+        let at = self.places.iter().map(|place| place.0).sum::<f64>() / count;
+        let square = self.places.iter().map(|place| (place.0 - at).powi(2)).sum::<f64>() / count;
+        let slope = |i: usize| {
+            let products = self.places.iter().map(|place| (place.0 - at) * place.1[i]);
+            products.sum::<f64>() / count / square
+        };
         let gain = [slope(0), slope(1)];
         let is_wide = square.sqrt() * norm(gain) > BELIEVED_PX / 2.0;
         (is_wide && gain.iter().all(|g| g.is_finite())).then_some(gain)

@@ -48,7 +48,7 @@ impl Batch {
         let mut write = writer.unbegun(doing).await?;
         let done = sqlx::query_with(text, self.arguments).execute(&mut *write).await;
         done.map_err(failed_to(doing))?;
-        write.is_finished();
+        write.finished();
         Ok(())
     }
 }

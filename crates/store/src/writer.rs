@@ -84,7 +84,7 @@ pub(crate) async fn begin(writer: &Writer, doing: &str) -> Result<Write, StoreEr
 
 impl Write {
     /// For one whose own text committed it.
-    pub(crate) fn is_finished(mut self) {
+    pub(crate) fn finished(mut self) {
         self.finished = true;
     }
 

@@ -167,7 +167,7 @@ impl Cell {
         lab.with_store("beampose.db", async |store| {
             let id = store.find_session("latest").await.unwrap();
             Left {
-                outcome: store.session(id).await.unwrap().outcome.expect("it is closed"),
+                outcome: store.session(id).await.unwrap().outcome.unwrap(),
                 steps: store.steps(id).await.unwrap(),
                 events: store.events(id).await.unwrap(),
                 captures: store.captures(id).await.unwrap().len(),
@@ -191,7 +191,7 @@ impl Cell {
                 && !line.contains("could not be stored")
                 && !line.contains("failed to store")
             {
-                let word = words.next().expect("it pauses thrice at most");
+                let word = words.next().unwrap();
                 lab.beampose(&["tell", "latest", word]).expect_code(0);
             }
             said.push_str(&line);

@@ -25,7 +25,7 @@ async fn the_writer_is_durable_and_keeps_the_rules() {
     assert_eq!(pragma(writer, "PRAGMA synchronous").await, "2", "FULL");
     assert_eq!(pragma(writer, "PRAGMA foreign_keys").await, "1");
     assert_eq!(pragma(writer, "PRAGMA busy_timeout").await, "10000");
-    assert_eq!(pragma(&mut *reader, "PRAGMA busy_timeout").await, "10000");
+    assert_eq!(pragma(&mut reader, "PRAGMA busy_timeout").await, "10000");
 }
 
 #[tokio::test]
