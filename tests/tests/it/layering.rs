@@ -125,6 +125,7 @@ const NAMED_ONLY_IN: &[(&str, &[&str])] = &[
         &[
             "crates/app/src/wiring/mod.rs",
             "crates/app/src/wiring/faults.rs",
+            "crates/app/src/wiring/person.rs",
             "crates/app/src/truth.rs",
         ],
     ),

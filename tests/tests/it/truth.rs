@@ -34,9 +34,14 @@ const LINES: &[(&str, &str)] = &[
 
 /// The files of the app that may hold the simulated world, and what they may ask of it: nothing
 /// that was drawn.
-const HOLDS_THE_WORLD: &[&str] =
-    &["crates/app/src/wiring/mod.rs", "crates/app/src/truth.rs", "crates/app/src/conduct.rs"];
-const MAY_ASK: &[&str] = &["calibrations", "clone", "as_ref", "ok_or_else"];
+const HOLDS_THE_WORLD: &[&str] = &[
+    "crates/app/src/wiring/mod.rs",
+    "crates/app/src/wiring/person.rs",
+    "crates/app/src/truth.rs",
+    "crates/app/src/conduct.rs",
+];
+/// `roll_module` is what a person does to the world.
+const MAY_ASK: &[&str] = &["calibrations", "clone", "as_ref", "ok_or_else", "roll_module"];
 
 /// `truth`, `truths`, `truth_at`, `TruePose`, `true_parameters` and their like.
 fn is_of_truth(word: &str) -> bool {

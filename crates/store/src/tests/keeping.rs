@@ -1,7 +1,8 @@
 //! Sessions in the long run: labels, verification, deletion.
 
 use beampose_core::{
-    Answer, Gap, Missing, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome, StepRecord,
+    Answer, Gap, Look, Missing, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome,
+    StepRecord,
 };
 
 use super::opening::stranger;
@@ -92,6 +93,8 @@ pub(super) async fn full_session(store: &Store) -> SessionId {
     let reason = "no answer within 5s".to_owned();
     first.missing = vec![Missing { instrument: "cam_c".into(), reason }];
     let (name, value) = ("fixture".to_owned(), "rolled".to_owned());
+    first.looks =
+        vec![Look { at: at(1500), commanded: 3.0, read: 3.0001, dot_px: Some([320.0, 240.5]) }];
     first.answer = Some(Answer { name, value, by: "terminal".to_owned() });
     store.step(id, &first).await.unwrap();
     let tried = format!("partial {id}");

@@ -1,8 +1,8 @@
 //! What is stored of a session comes back, or is refused.
 
 use beampose_core::{
-    Answer, EventKind, Gap, Missing, RunSink, SessionId, SessionOutcome, StepNumber, StepOutcome,
-    StepRecord,
+    Answer, EventKind, Gap, Look, Missing, RunSink, SessionId, SessionOutcome, StepNumber,
+    StepOutcome, StepRecord,
 };
 
 use super::{at, event, fresh, header, p000, picture, session, step};
@@ -146,10 +146,14 @@ async fn what_policies_and_people_left_comes_back() {
         by: "terminal".to_owned(),
     };
     record.answer = Some(answer.clone());
+    let look = |read: f64, dot_px| Look { at: at(1500), commanded: 3.0, read, dot_px };
+    record.looks = vec![look(3.0001, None), look(2.9999, Some([319.5, 240.25]))];
+    let looks: Vec<_> = record.looks.iter().map(|look| (StepNumber(2), *look)).collect();
     fresh.store.step(id, &record).await.unwrap();
     RunSink::close(&fresh.store, id, SessionOutcome::Halted, &[], at(9)).await.unwrap();
     assert_eq!(fresh.store.missing(id).await.unwrap(), [(StepNumber(1), missing)]);
     assert_eq!(fresh.store.answers(id).await.unwrap(), [(StepNumber(2), answer)]);
+    assert_eq!(fresh.store.looks(id).await.unwrap(), looks);
     assert_eq!(fresh.store.steps(id).await.unwrap()[1].outcome, record.outcome);
     assert_eq!(fresh.store.session(id).await.unwrap().outcome, Some(SessionOutcome::Halted));
     assert_eq!(fresh.store.sessions().await.unwrap()[0].outcome, Some(SessionOutcome::Halted));

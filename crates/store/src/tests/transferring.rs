@@ -319,7 +319,9 @@ async fn a_file_of_an_older_schema_comes_in_as_well() {
                     'completed')"
             ),
             format!(
-                "INSERT INTO steps VALUES ('{id}', 1, 'capture p000', 'capture', {times}, 'done', NULL)"
+                "INSERT INTO steps (session, number, label, kind, started_utc, started_s,
+                    finished_utc, finished_s, outcome)
+                 VALUES ('{id}', 1, 'capture p000', 'capture', {times}, 'done')"
             ),
             format!(
                 "INSERT INTO captures VALUES ('{id}', 'p000', 1, '{{}}', '{{}}',
