@@ -5,6 +5,9 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use indicatif::MultiProgress;
 
 /// How the program ends; documented in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,8 +48,13 @@ pub fn print(text: &str) {
         && error.kind() != std::io::ErrorKind::BrokenPipe
         && !LOST.swap(true, Ordering::Relaxed)
     {
-        complain(&format!("beampose: the output cannot be written: {error}"));
+        // Who prints may have moved the bars aside already.
+        say(&format!("beampose: the output cannot be written: {error}"));
     }
+}
+
+fn say(text: &str) {
+    let _nobody_left_to_tell = writeln!(std::io::stderr().lock(), "{text}");
 }
 
 /// Whether output was lost.
@@ -54,7 +62,21 @@ pub fn lost() -> bool {
     LOST.load(Ordering::Relaxed)
 }
 
-/// Prints a text and a line feed to standard error; there is nobody to tell if that fails.
+/// The progress bars that stand on the terminal, if any do.
+static BARS: Mutex<Option<MultiProgress>> = Mutex::new(None);
+
+/// From now on these bars make room for what is said; `None`: there are none any more.
+pub fn make_room(bars: Option<MultiProgress>) {
+    *BARS.lock().unwrap_or_else(PoisonError::into_inner) = bars;
+}
+
+/// Prints a text and a line feed to standard error, above the progress bars where there are any;
+/// there is nobody to tell if that fails.
 pub fn complain(text: &str) {
-    let _nobody_left_to_tell = writeln!(std::io::stderr().lock(), "{text}");
+    // Not held meanwhile: whoever draws the bars may have something to say too.
+    let bars = BARS.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    match bars {
+        Some(bars) => bars.suspend(|| say(text)),
+        None => say(text),
+    }
 }

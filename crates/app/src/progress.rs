@@ -13,7 +13,7 @@ use beampose_plan::Summary;
 use beampose_plan::check::clock;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use crate::output::complain;
+use crate::output::{complain, make_room};
 use crate::pipeline::Solved;
 
 /// Two bars: steps of the run, captures solved. Clones show on the same bars.
@@ -45,6 +45,7 @@ impl Progress {
         }
         let steps = each.len() as u64;
         let bars = MultiProgress::new();
+        make_room(Some(bars.clone()));
         let bar = |length: u64, template: &str| {
             let style = ProgressStyle::with_template(template)
                 .unwrap_or_else(|_| ProgressStyle::default_bar())
@@ -91,11 +92,6 @@ impl Progress {
         self.solved.inc(1);
     }
 
-    /// Says something above the bars.
-    fn say(&self, text: &str) {
-        self.steps.suspend(|| complain(text));
-    }
-
     /// So many captures were solved before.
     pub fn skip(&self, captures: u64) {
         self.solved.inc(captures);
@@ -110,6 +106,7 @@ impl Progress {
     pub fn finish(&self) {
         self.steps.finish_and_clear();
         self.solved.finish_and_clear();
+        make_room(None);
     }
 }
 
@@ -127,13 +124,15 @@ impl Observer for Progress {
                 self.steps.inc(1);
             }
             Notice::Closed(_) => self.steps.set_message("done"),
-            Notice::Paused { reason } => self.say(&format!(
+            Notice::Paused { reason } => complain(&format!(
                 "beampose: paused, everything is safe: {reason}\n  Enter or `beampose tell SESSION go-on` goes on"
             )),
-            Notice::Continued => self.say("beampose: the run goes on"),
+            Notice::Continued => complain("beampose: the run goes on"),
             Notice::ByHand { axis, unit, target, reading } => {
                 let unit = if *unit == AxisUnit::Millimetre { "mm" } else { "deg" };
-                self.steps.set_message(format!("{axis}: {reading:.3} {unit}, move it to {target} {unit}"));
+                self.steps.set_message(format!(
+                    "{axis}: {reading:.3} {unit}, move it to {target} {unit}"
+                ));
             }
             Notice::Opened(_) | Notice::Event(_) | Notice::Captured(_) => {}
         }

@@ -46,7 +46,7 @@ fn course(traces: &[Trace]) -> Markup {
     let mut layers: Vec<Layer> = all
         .iter()
         .map(|line| Layer {
-            class: "s1 faint".to_owned(),
+            class: "s1 line faint".to_owned(),
             shift: 0.0,
             mark: Mark::Line(line.clone()),
         })

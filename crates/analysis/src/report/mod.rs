@@ -114,7 +114,8 @@ fn scores(input: &ReportInput) -> Markup {
 
 fn pictures(input: &ReportInput) -> Markup {
     markup! {
-        @if !input.pictures.is_empty() {
+        // What is in the picture of a closing-in, its course says.
+        @if !input.pictures.is_empty() && input.angles.is_none() {
             section { h2 { "Pictures" } (overlay::pictures(input, PICTURE_WIDTH)) }
         }
     }
