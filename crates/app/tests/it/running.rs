@@ -25,6 +25,14 @@ fn numbers(object: &Value, keys: &[&str]) -> Vec<f64> {
         .collect()
 }
 
+/// The newest processing has both methods that take capture by capture. Whether it is the run's,
+/// with the session adjustment, or one that another test here added, is the order of the tests.
+#[track_caller]
+fn assert_solved_by_capture(methods: &serde_json::Map<String, Value>) {
+    let by_capture = methods.keys().filter(|method| *method != "session-adjustment");
+    assert_eq!(by_capture.collect::<Vec<_>>(), ["inter-beam-angles", "virtual-camera"]);
+}
+
 #[test]
 fn a_run_solves_its_captures_and_writes_its_report() {
     let (lab, ended) = session();
@@ -143,7 +151,7 @@ fn the_report_holds_its_contract() {
     );
     assert_eq!((&report["captures"], &report["solved"]), (&6.into(), &6.into()));
     let methods = report["methods"].as_object().unwrap();
-    assert_eq!(methods.keys().collect::<Vec<_>>(), ["inter-beam-angles", "virtual-camera"]);
+    assert_solved_by_capture(methods);
     for method in methods.values() {
         numbers(method, &["max_abs_difference_mm", "slope", "offset_mm"]);
         let positions = method["positions"].as_array().unwrap();
@@ -165,7 +173,7 @@ fn the_score_holds_its_contract() {
     let score = lab.beampose(&["score", "latest", "--json"]).expect_code(0).json();
     assert_eq!(score["session"], ended.json()["session"]);
     let methods = score["methods"].as_object().unwrap();
-    assert_eq!(methods.keys().collect::<Vec<_>>(), ["inter-beam-angles", "virtual-camera"]);
+    assert_solved_by_capture(methods);
     for method in methods.values() {
         let keys = ["rms_position_error_mm", "rms_rotation_error_deg", "nees_position_mean"];
         assert!(numbers(method, &keys).iter().all(|number| *number > 0.0), "{method}");
