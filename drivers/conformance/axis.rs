@@ -1,0 +1,108 @@
+//! What a rail or a rotation stage must do.
+
+use std::time::Duration;
+
+use beampose_core::{Clock, InstrumentError};
+use futures::future::join;
+
+use super::bench::{Bench, role};
+use super::line::near;
+use crate::registry::Role;
+use crate::sim::Stage;
+
+pub(super) fn moves(bench: &Bench) -> Result<(), String> {
+    let axis = bench.axis()?;
+    let stage = bench.stage.as_ref().ok_or("no stage")?;
+    for target in [12.5, 80.0, 3.25, 0.0] {
+        bench.run(axis.move_to(target)).map_err(|error| format!("to {target}: {error}"))?;
+        near(target, stage.encoder()).map_err(|why| format!("where it stands: {why}"))?;
+        let read = bench.run(axis.position()).map_err(|error| error.to_string())?;
+        near(target, read.value)?;
+    }
+    Ok(())
+}
+
+pub(super) fn unit(bench: &Bench) -> Result<(), String> {
+    let Role::Axis { unit, .. } = role(bench.driver) else { return Ok(()) };
+    let axis = bench.axis()?;
+    if axis.unit() != unit {
+        return Err(format!("expected {unit:?}, found {:?}", axis.unit()));
+    }
+    Ok(())
+}
+
+pub(super) fn limits(bench: &Bench) -> Result<(), String> {
+    let axis = bench.axis()?;
+    let stage = bench.stage.as_ref().ok_or("no stage")?;
+    bench.run(axis.move_to(5.0)).map_err(|error| error.to_string())?;
+    for target in [-1000.0, 1000.0, f64::NAN] {
+        match bench.run(axis.move_to(target)) {
+            Err(InstrumentError::Refused(_)) => near(5.0, stage.encoder())?,
+            other => return Err(format!("to {target}: {other:?}")),
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn stops(bench: &Bench) -> Result<(), String> {
+    let axis = bench.axis()?;
+    bench.run(axis.move_to(0.0)).map_err(|error| error.to_string())?;
+    let stop = async {
+        bench.clock.sleep(Duration::from_secs(1)).await;
+        axis.stop().await
+    };
+    let (moved, stopped) = bench.run(join(axis.move_to(80.0), stop));
+    stopped.map_err(|error| format!("stop: {error}"))?;
+    if moved.is_ok() {
+        return Err("the move that was stopped ended as if it had arrived".to_owned());
+    }
+    let at = bench.run(axis.position()).map_err(|error| error.to_string())?.value;
+    if !(5.0..75.0).contains(&at) {
+        return Err(format!("it stands at {at}, which is not on the way"));
+    }
+    bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))?;
+    near(10.0, bench.run(axis.position()).map_err(|error| error.to_string())?.value)
+}
+
+pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {
+    let Some(trouble) = bench.trouble() else { return Ok(()) };
+    let axis = bench.axis()?;
+    bench.run(axis.move_to(0.0)).map_err(|error| error.to_string())?;
+    let pull = async {
+        bench.clock.sleep(Duration::from_millis(700)).await;
+        trouble.unplug(true);
+        // Real time: the host notices.
+        std::thread::sleep(Duration::from_millis(40));
+    };
+    let (moved, ()) = bench.run(join(axis.move_to(80.0), pull));
+    match moved {
+        Err(InstrumentError::Disconnected(_) | InstrumentError::Timeout(_)) => {}
+        other => return Err(format!("expected a lost connection, got {other:?}")),
+    }
+    trouble.unplug(false);
+    std::thread::sleep(Duration::from_millis(40));
+    let _ = bench.run(axis.position());
+    bench.run(axis.stop()).map_err(|error| format!("stop afterwards: {error}"))?;
+    bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))
+}
+
+pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
+    let Some(host) = bench.host() else { return Ok(()) };
+    let axis = bench.axis()?;
+    bench.run(axis.move_to(5.0)).map_err(|error| error.to_string())?;
+    host.reboot();
+    std::thread::sleep(Duration::from_millis(40));
+    let _ = bench.run(axis.position());
+    let Some(homing) = axis.homing() else {
+        return bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"));
+    };
+    if bench.run(homing.is_homed()).map_err(|error| error.to_string())? {
+        return Err("it says that it is homed after a reboot".to_owned());
+    }
+    match bench.run(axis.move_to(10.0)) {
+        Err(InstrumentError::Refused(_)) => {}
+        other => return Err(format!("a move without reference: {other:?}")),
+    }
+    bench.run(homing.home()).map_err(|error| format!("homing: {error}"))?;
+    bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))
+}

@@ -1,0 +1,186 @@
+//! What a laser must do: the rules of [`crate::laser`], seen from the world.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use beampose_core::{Clock, Emission, InstrumentError};
+use futures::future::join;
+
+use super::bench::{Bench, role};
+use crate::laser::SHORTEST_DELAY;
+use crate::registry::Role;
+use crate::sim::{Diode, TestDiode};
+
+fn diode(bench: &Bench) -> Result<&Arc<TestDiode>, String> {
+    bench.diode.as_ref().ok_or_else(|| "no diode".to_owned())
+}
+
+fn in_words(error: InstrumentError) -> String {
+    error.to_string()
+}
+
+pub(super) fn off_at_connect(bench: &Bench) -> Result<(), String> {
+    let diode = diode(bench)?;
+    diode.switch(true);
+    let laser = bench.laser()?;
+    bench.run(laser.identify()).map_err(in_words)?;
+    if diode.is_on() {
+        return Err("connected, and it is still on".to_owned());
+    }
+    expect(Emission::Off, bench.run(laser.emission()))
+}
+
+fn expect(expected: Emission, found: Emission) -> Result<(), String> {
+    if expected == found { Ok(()) } else { Err(format!("expected {expected:?}, found {found:?}")) }
+}
+
+pub(super) fn on_and_off(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    for _ in 0..2 {
+        bench.run(laser.emit()).map_err(in_words)?;
+        if !diode.emits() {
+            return Err("emit returned, and there is no light".to_owned());
+        }
+        expect(Emission::On, bench.run(laser.emission()))?;
+        bench.run(laser.off()).map_err(in_words)?;
+        if diode.is_on() {
+            return Err("off returned, and it is on".to_owned());
+        }
+        expect(Emission::Off, bench.run(laser.emission()))?;
+    }
+    Ok(())
+}
+
+pub(super) fn delay(bench: &Bench) -> Result<(), String> {
+    let no_delay = match role(bench.driver) {
+        Role::Laser { current_ma, .. } => {
+            Role::Laser { current_ma, emission_delay: Duration::ZERO }
+        }
+        other => other,
+    };
+    let laser = bench.laser_as(no_delay)?;
+    let start = bench.clock.now().monotonic;
+    bench.run(laser.emit()).map_err(in_words)?;
+    let took = bench.clock.now().monotonic - start;
+    if took < SHORTEST_DELAY {
+        return Err(format!("light after {took:?}"));
+    }
+    Ok(())
+}
+
+pub(super) fn interlock(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    let contact = laser.interlock().ok_or("it has no interlock")?;
+    diode.interlock_open.store(true, Ordering::SeqCst);
+    if bench.run(contact.is_closed()).map_err(in_words)? {
+        return Err("open reads as closed".to_owned());
+    }
+    refused(bench.run(laser.emit()))?;
+    diode.interlock_open.store(false, Ordering::SeqCst);
+    refused(bench.run(laser.emit())).map_err(|why| format!("closed again: {why}"))?;
+    if diode.is_on() {
+        return Err("it is on although it refused".to_owned());
+    }
+    bench.run(laser.off()).map_err(in_words)?;
+    bench.run(laser.emit()).map_err(|error| format!("after off: {error}"))?;
+    // Opened while it emits.
+    diode.interlock_open.store(true, Ordering::SeqCst);
+    bench.run(laser.emission());
+    std::thread::sleep(Duration::from_millis(40));
+    if diode.is_on() {
+        return Err("its interlock opened, was polled, and it still emits".to_owned());
+    }
+    diode.interlock_open.store(false, Ordering::SeqCst);
+    refused(bench.run(laser.emit())).map_err(|why| format!("after it opened: {why}"))
+}
+
+fn refused(result: Result<(), InstrumentError>) -> Result<(), String> {
+    match result {
+        Err(InstrumentError::Refused(_)) => Ok(()),
+        other => Err(format!("expected a refusal, got {other:?}")),
+    }
+}
+
+pub(super) fn stuck(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.emit()).map_err(in_words)?;
+    diode.stuck.store(true, Ordering::SeqCst);
+    match bench.run(laser.off()) {
+        Err(InstrumentError::Fault(why)) if why.contains("assume on") => {}
+        other => return Err(format!("expected a fault, got {other:?}")),
+    }
+    match bench.run(laser.emission()) {
+        Emission::Off => Err("it burns and reads as off".to_owned()),
+        _ => Ok(()),
+    }
+}
+
+pub(super) fn lost(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    let Some(trouble) = bench.trouble() else { return Ok(()) };
+    bench.run(laser.emit()).map_err(in_words)?;
+    trouble.unplug(true);
+    std::thread::sleep(Duration::from_millis(40));
+    expect(Emission::Unknown, bench.run(laser.emission()))?;
+    if bench.run(laser.off()).is_ok() {
+        return Err("off over a pulled cable succeeded".to_owned());
+    }
+    trouble.unplug(false);
+    std::thread::sleep(Duration::from_millis(40));
+    bench.run(laser.emission());
+    expect(Emission::Off, bench.run(laser.emission()))?;
+    if diode.is_on() {
+        return Err("connected again, and it is still on".to_owned());
+    }
+    Ok(())
+}
+
+pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
+    let Some(host) = bench.host() else { return Ok(()) };
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.emit()).map_err(in_words)?;
+    host.reboot();
+    std::thread::sleep(Duration::from_millis(40));
+    bench.run(laser.emission());
+    expect(Emission::Off, bench.run(laser.emission()))?;
+    if diode.is_on() { Err("it is on after a reboot".to_owned()) } else { Ok(()) }
+}
+
+pub(super) fn above_limit(bench: &Bench) -> Result<(), String> {
+    let diode = diode(bench)?;
+    let emission_delay = Duration::from_secs(3);
+    for current_ma in [Some(1e5), None] {
+        let laser = bench.laser_as(Role::Laser { current_ma, emission_delay })?;
+        refused(bench.run(laser.emit())).map_err(|why| format!("{current_ma:?} mA: {why}"))?;
+        if diode.is_on() {
+            return Err("it is on although it refused".to_owned());
+        }
+        // A serial port has one owner.
+        drop(laser);
+        std::thread::sleep(Duration::from_millis(40));
+    }
+    Ok(())
+}
+
+pub(super) fn last_resort(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.emit()).map_err(in_words)?;
+    laser.off_without_waiting();
+    std::thread::sleep(Duration::from_millis(60));
+    if diode.is_on() {
+        return Err("it is still on".to_owned());
+    }
+    // During the delay too: the device's own command must not be waited for.
+    bench.run(laser.off()).map_err(in_words)?;
+    let cry = async {
+        bench.clock.sleep(Duration::from_secs(1)).await;
+        laser.off_without_waiting();
+        std::thread::sleep(Duration::from_millis(60));
+    };
+    let (lit, ()) = bench.run(join(laser.emit(), cry));
+    if lit.is_ok() || diode.is_on() {
+        return Err("off during the delay, and it is on".to_owned());
+    }
+    Ok(())
+}
