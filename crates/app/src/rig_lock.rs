@@ -24,7 +24,11 @@ impl RigLock {
         let holder = format!("{}, session {session}", this_program());
         let mut lines: Vec<(String, &str)> = Vec::new();
         for (name, instrument) in &rig.instruments {
-            let address = instrument.address().unwrap_or_default();
+            let address = instrument.address().map_or("", |address| address.value.as_str());
+            // A simulator that this program starts is this run's own.
+            if address.starts_with("simulator:") {
+                continue;
+            }
             if !instrument.is_simulated() || !address.is_empty() {
                 lines.push((format!("{} {address}", instrument.driver().value), name.as_str()));
             }

@@ -20,7 +20,7 @@ pub fn faults(rig: &Rig, clock: &Arc<dyn Clock>, step: &Arc<AtomicU32>) -> Optio
     let declared = simulation.faults.as_ref()?;
     let simulated = |name: &str| {
         let found = rig.instruments.get(&InstrumentName::from(name));
-        found.is_none_or(Instrument::is_simulated)
+        found.is_none_or(Instrument::is_of_simulated_world)
     };
     let faults = declared.iter().map(|at| fault(&at.value));
     let faults = faults.filter(|fault| simulated(&fault.instrument)).collect();

@@ -4,10 +4,13 @@
 //! `beampose_drivers`; simulated ones share one [`World`].
 
 mod faults;
+mod parts;
 pub mod person;
 mod sight;
+mod wires;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -31,6 +34,9 @@ use beampose_virtual_lab::{
     World, WorldConfig,
 };
 use jiff::SignedDuration;
+
+pub use beampose_drivers::transport::Recorder;
+pub use wires::Wires;
 
 use crate::calibration;
 use crate::input::Checked;
@@ -100,6 +106,8 @@ pub struct Laboratory {
     pub setup: Setup,
     /// What goes wrong on demand.
     pub faults: Option<Arc<Faults>>,
+    /// The lines to instruments that real drivers speak to, and their simulators.
+    pub wires: Wires,
 }
 
 /// What an earlier run of the session leaves; nothing where there was none.
@@ -195,8 +203,12 @@ fn stage_of<'a>(
 ///
 /// # Errors
 /// Which file is at fault, or which instrument cannot be built, and why, for people.
-pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, String> {
-    let (rig, folder) = (&checked.rig, &checked.rig_folder);
+pub fn laboratory(
+    rig: &Rig,
+    folder: &Path,
+    before: &Before,
+    recorder: Option<Arc<Recorder>>,
+) -> Result<Laboratory, String> {
     // Calibrations at full picture size.
     let setup = calibration::setup(rig, folder)?;
     let fan = calibration::simulated_fan(rig, folder)?;
@@ -204,6 +216,7 @@ pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, Stri
     if !unknown.is_empty() {
         return Err(unknown.to_string());
     }
+    let mut wired = wires::wired(rig).map_err(|faults| faults.to_string())?;
     let clock = LabClock::of(rig.clock, before);
     let world = match &rig.simulation {
         Some(simulation) => {
@@ -220,6 +233,9 @@ pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, Stri
         None => setup,
     };
     let mut bench = bench(rig, world.as_ref(), &clock.shared())?;
+    let mut wires = Wires::recorded(recorder);
+    wires.simulate(rig, &mut wired, world.as_ref(), &clock.shared())?;
+    wires.connect(wired, folder, &clock.shared(), &mut bench)?;
     let tolerance =
         |(name, it): (&InstrumentName, &Instrument)| Some((name.clone(), it.tolerance()?));
     let scale = rig.simulation.as_ref().map_or(1.0, |simulation| simulation.picture.scale);
@@ -229,15 +245,12 @@ pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, Stri
     if let Some(faults) = &faults {
         bench = faults::faulty(bench, faults);
     }
-    Ok(Laboratory { bench, clock, world, setup, faults })
+    Ok(Laboratory { bench, clock, world, setup, faults, wires })
 }
 
 fn bench(rig: &Rig, world: Option<&Arc<World>>, clock: &Arc<dyn Clock>) -> Result<Bench, String> {
     let mut bench = Bench::default();
-    for (name, instrument) in &rig.instruments {
-        if !instrument.is_simulated() {
-            return Err(format!("{name}: there is no driver {:?}", instrument.driver().value));
-        }
+    for (name, instrument) in rig.instruments.iter().filter(|(_, it)| it.is_simulated()) {
         let world =
             world.ok_or_else(|| format!("{name} is simulated, but the rig has no `simulation`"))?;
         add_simulated(&mut bench, name, instrument, world, clock)
