@@ -142,7 +142,8 @@ impl Session {
         let folder = shown.folder(self.header.id)?;
         prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let session = self.header.id;
-        let rig_lock = RigLock::take(&self.checked.rig, session).map_err(Ended::input)?;
+        let purpose = format!("session {session}");
+        let rig_lock = RigLock::take(&self.checked.rig, &purpose).map_err(Ended::input)?;
         let plan = &self.checked.plan;
         let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
         let progress = Progress::new(&self.checked.summary, !shown.quiet && !shown.json);

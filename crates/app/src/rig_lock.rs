@@ -6,7 +6,6 @@
 
 use std::path::PathBuf;
 
-use beampose_core::SessionId;
 use beampose_plan::Rig;
 
 use crate::file_lock::{FileLock, NotTaken, this_program};
@@ -16,12 +15,12 @@ use crate::output::complain;
 pub struct RigLock(#[expect(dead_code, reason = "held, not read")] Vec<FileLock>);
 
 impl RigLock {
-    /// Takes the locks of all instruments of a rig for a session, or none.
+    /// Takes the locks of all instruments of a rig, or none, for what is said in `purpose`.
     ///
     /// # Errors
     /// Who drives which instrument, or why a lock cannot be taken, for people.
-    pub fn take(rig: &Rig, session: SessionId) -> Result<Self, String> {
-        let holder = format!("{}, session {session}", this_program());
+    pub fn take(rig: &Rig, purpose: &str) -> Result<Self, String> {
+        let holder = format!("{}, {purpose}", this_program());
         let mut lines: Vec<(String, &str)> = Vec::new();
         for (name, instrument) in &rig.instruments {
             let address = instrument.address().map_or("", |address| address.value.as_str());

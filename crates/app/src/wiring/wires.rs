@@ -19,7 +19,7 @@ use beampose_virtual_lab::World;
 
 use super::parts;
 
-/// How long an instrument may take to answer.
+/// How long an instrument may take to answer, where the rig says nothing.
 const DEADLINE: Duration = Duration::from_secs(1);
 
 /// What keeps lines alive: simulators and scratch files. To be held while instruments are used.
@@ -40,6 +40,18 @@ pub struct Wired<'a> {
     address: Address,
     options: Options,
     role: Role,
+}
+
+impl Wired<'_> {
+    /// Whether this program is to start its simulator.
+    pub fn asks_for_simulator(&self) -> bool {
+        matches!(self.address, Address::Simulator { .. })
+    }
+
+    /// Name, driver and address.
+    pub fn place(&self) -> (String, &'static str, String) {
+        (self.name.to_string(), self.driver.name, self.address.to_string())
+    }
 }
 
 /// The instruments of a rig that real drivers speak to.
@@ -212,7 +224,7 @@ impl Wires {
                 clock: clock.clone(),
                 options: it.options,
                 role: it.role,
-                deadline: DEADLINE,
+                deadline: deadline(it.instrument),
                 simulated,
                 scratch: self.scratch().map_err(|error| format!("{name}: {error}"))?,
             };
@@ -239,7 +251,7 @@ impl Wires {
         let make = || {
             let wire =
                 Wire::new(it.name.as_str(), it.address.clone(), port, clock.clone(), recorder);
-            Arc::new(Line::new(Arc::new(wire), DEADLINE))
+            Arc::new(Line::new(Arc::new(wire), deadline(it.instrument)))
         };
         self.lines.entry(it.address.clone()).or_insert_with(make).clone()
     }
@@ -250,6 +262,10 @@ impl Wires {
         }
         Ok(self.scratch.as_ref().map(|folder| folder.path().to_path_buf()).unwrap_or_default())
     }
+}
+
+fn deadline(instrument: &Instrument) -> Duration {
+    instrument.deadline().map_or(DEADLINE, |time| time.duration())
 }
 
 fn relative_to(folder: &Path, address: Address) -> Address {

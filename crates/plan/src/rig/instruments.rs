@@ -111,6 +111,18 @@ impl Instrument {
         }
     }
 
+    /// How long an answer over its line may take, where the rig says it.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Second> {
+        match self {
+            Self::LinearAxis(i) => i.deadline,
+            Self::RotaryAxis(i) => i.deadline,
+            Self::Laser(i) => i.deadline,
+            Self::Sensor(i) => i.deadline,
+            Self::Camera(i) => i.deadline,
+        }
+    }
+
     /// What only its driver understands; the driver checks it.
     #[must_use]
     pub const fn options(&self) -> Option<&Options> {
@@ -157,6 +169,8 @@ record! {
         driver: At<String>,
         /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
         address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
         /// What this driver alone needs to know.
         options: Option<Options>,
         /// Between which places it may move.
@@ -199,6 +213,8 @@ record! {
         driver: At<String>,
         /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
         address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
         /// What this driver alone needs to know.
         options: Option<Options>,
         /// Between which angles it may turn.
@@ -233,6 +249,8 @@ record! {
         driver: At<String>,
         /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
         address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
         /// What this driver alone needs to know.
         options: Option<Options>,
         /// How long after switching on no light comes out: the law asks for it in class 3B.
@@ -249,6 +267,8 @@ record! {
         driver: At<String>,
         /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
         address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
         /// What this driver alone needs to know.
         options: Option<Options>,
         /// What it reads.
@@ -324,6 +344,8 @@ record! {
         driver: At<String>,
         /// Where the driver finds it: `folder:pictures/left`, `device:usb:001,002`, `simulator:tcp`.
         address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
         /// What this driver alone needs to know.
         options: Option<Options>,
         /// Its interior orientation: a ROS `camera_info` file, relative to the rig's.
