@@ -9,6 +9,7 @@
 
 pub mod conformance;
 pub mod laser;
+pub mod newport_smc;
 mod options;
 mod registry;
 pub mod sim;
@@ -19,7 +20,8 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] =
+    &[newport_smc::RAIL, newport_smc::ROTATION, zaber::RAIL, zaber::ROTATION];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
