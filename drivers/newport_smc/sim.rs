@@ -42,7 +42,8 @@ struct Controller {
     /// As it was last set; [`Controller::state`] looks whether a motion has ended since.
     state: u8,
     error: char,
-    setpoint: f64,
+    /// Where it should be, once that is known.
+    setpoint: Option<f64>,
     limits: [f64; 2],
     velocity: f64,
     /// Of the stage: more is refused.
@@ -65,7 +66,7 @@ pub(super) fn simulate(all: &[Simulated]) -> Result<Box<dyn Device>, String> {
             // Stands as somebody left it who had homed it; a reboot forgets that.
             state: READY_FROM_HOMING,
             error: '@',
-            setpoint: 0.0_f64.clamp(stage.limits()[0], stage.limits()[1]),
+            setpoint: None,
             limits: stage.limits(),
             stage,
             velocity: speed,
@@ -83,6 +84,11 @@ impl Controller {
             self.state = if self.state == HOMING { READY_FROM_HOMING } else { READY_FROM_MOVING };
         }
         self.state
+    }
+
+    /// Where it should be. After a stop that is where it is: one reading.
+    fn setpoint(&mut self) -> f64 {
+        *self.setpoint.get_or_insert_with(|| self.stage.encoder())
     }
 
     /// The letter with which this state refuses what is not for it.
@@ -114,7 +120,7 @@ impl Controller {
             }
             ("TP", "" | "?") => format!("{:.5}", self.stage.encoder()),
             ("TH", "" | "?") if self.stage.is_moving() => format!("{:.5}", self.stage.encoder()),
-            ("TH", "" | "?") | ("PA", "?") => format!("{:.5}", self.setpoint),
+            ("TH", "" | "?") | ("PA", "?") => format!("{:.5}", self.setpoint()),
             ("SL", "?") => self.limits[0].to_string(),
             ("SR", "?") => self.limits[1].to_string(),
             ("VA", "?") => self.velocity.to_string(),
@@ -135,7 +141,7 @@ impl Controller {
             return Err('G');
         }
         self.stage.go(target).map_err(|_| 'G')?;
-        self.setpoint = target;
+        self.setpoint = Some(target);
         self.state = MOVING;
         Ok(())
     }
@@ -147,7 +153,7 @@ impl Controller {
             _ => return Err(self.letter()),
         };
         self.stage.stop();
-        self.setpoint = self.stage.encoder();
+        self.setpoint = None;
         self.state = after;
         Ok(())
     }
@@ -167,8 +173,9 @@ impl Controller {
             "OR" => match self.state() {
                 0x0a..=0x11 => {
                     let [low, high] = self.stage.limits();
-                    self.setpoint = 0.0_f64.clamp(low, high);
-                    self.stage.go(self.setpoint).map_err(|_| 'V')?;
+                    let home = 0.0_f64.clamp(low, high);
+                    self.stage.go(home).map_err(|_| 'V')?;
+                    self.setpoint = Some(home);
                     self.state = HOMING;
                     Ok(())
                 }
@@ -176,7 +183,10 @@ impl Controller {
                 _ => Err(self.letter()),
             },
             "PA" => self.go(number?),
-            "PR" => self.go(self.setpoint + number?),
+            "PR" => {
+                let target = self.setpoint() + number?;
+                self.go(target)
+            }
             "ST" => self.stop(),
             "MM" => match (value, self.state()) {
                 ("0", MOVING) => {
@@ -220,7 +230,7 @@ impl Controller {
         if !matches!(self.state(), 0x32..=0x35 | 0x3c..=0x3e | CONFIGURATION) {
             return Err(self.letter());
         }
-        let at = self.setpoint;
+        let at = self.setpoint();
         let (place, fits) = match name {
             "VA" => (&mut self.velocity, value > 0.0 && value <= self.top_velocity),
             "AC" => (&mut self.acceleration, value > 0.0),
