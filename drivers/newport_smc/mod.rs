@@ -1,7 +1,7 @@
 //! Newport stages on SMC100CC, SMC100PP and CONEX controllers, alone or up to 31 on one line.
 //!
 //! Sources: the open drivers of EPICS (`motorNewport`, SMC100) and of the yaq project
-//! (`yaqd-newport`), whose daemon also talks to [`sim`] here. A CONEX on USB wants `?baud=921600`
+//! (`yaqd-newport`), whose daemon also talks to [`SmcChain`] here. A CONEX on USB wants `?baud=921600`
 //! behind its address. What no peer could check: flow control, how long a real search or reset
 //! takes, which setters a controller refuses in which state (here: the strict reading).
 //!

@@ -1,7 +1,7 @@
 //! Thorlabs stages with the APT binary protocol: KDC101 with MTS and PRM1 stages, K10CR1, LTS.
 //!
 //! Sources: Thorlabs' "APT Controllers Host-Controller Communications Protocol", and two clients
-//! (`thorlabs-apt-device`, `pylablib`) that also talk to [`sim`]. What no peer could check: the
+//! (`thorlabs-apt-device`, `pylablib`) that also talk to [`AptUnit`]. What no peer could check: the
 //! reset of the USB chip at connect, the scale of speeds, how real stages report a refusal.
 //!
 //! Every position counts from the reference, which a controller loses with its power. It then moves
