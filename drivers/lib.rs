@@ -9,9 +9,11 @@
 
 pub mod conformance;
 pub mod laser;
+pub mod newport_smc;
 mod options;
 mod registry;
 pub mod sim;
+pub mod thorlabs_apt;
 pub mod transport;
 pub mod zaber;
 
@@ -19,7 +21,14 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] = &[
+    newport_smc::RAIL,
+    newport_smc::ROTATION,
+    thorlabs_apt::RAIL,
+    thorlabs_apt::ROTATION,
+    zaber::RAIL,
+    zaber::ROTATION,
+];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
