@@ -12,6 +12,7 @@ pub mod laser;
 mod options;
 mod registry;
 pub mod sim;
+pub mod srs_ldc500;
 pub mod transport;
 pub mod zaber;
 
@@ -19,7 +20,8 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] =
+    &[srs_ldc500::LASER, srs_ldc500::TEMPERATURE, zaber::RAIL, zaber::ROTATION];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
