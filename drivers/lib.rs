@@ -7,6 +7,7 @@
 //! Simulated instruments of the virtual lab are not here: the app wires them itself, under the name
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
+pub mod arroyo;
 pub mod conformance;
 pub mod laser;
 mod options;
@@ -20,8 +21,14 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] =
-    &[srs_ldc500::LASER, srs_ldc500::TEMPERATURE, zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] = &[
+    arroyo::LASER,
+    arroyo::TEMPERATURE,
+    srs_ldc500::LASER,
+    srs_ldc500::TEMPERATURE,
+    zaber::RAIL,
+    zaber::ROTATION,
+];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
