@@ -7,6 +7,7 @@
 //! Simulated instruments of the virtual lab are not here: the app wires them itself, under the name
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
+pub mod arroyo;
 pub mod conformance;
 pub mod laser;
 pub mod newport_smc;
@@ -14,6 +15,7 @@ mod options;
 mod registry;
 pub mod sim;
 pub mod thorlabs_apt;
+pub mod srs_ldc500;
 pub mod transport;
 pub mod zaber;
 
@@ -26,6 +28,10 @@ pub const REGISTRY: &[Driver] = &[
     newport_smc::ROTATION,
     thorlabs_apt::RAIL,
     thorlabs_apt::ROTATION,
+    arroyo::LASER,
+    arroyo::TEMPERATURE,
+    srs_ldc500::LASER,
+    srs_ldc500::TEMPERATURE,
     zaber::RAIL,
     zaber::ROTATION,
 ];

@@ -81,7 +81,24 @@ pub const CHECKS: &[Check] = &[
         kinds: LASERS,
         run: laser::interlock,
     },
+    Check {
+        name: "a contact that opens before light is refused and latched",
+        kinds: LASERS,
+        run: laser::interlock_meanwhile,
+    },
+    Check {
+        name: "a diode that is not at its temperature is refused",
+        kinds: LASERS,
+        run: laser::temperature,
+    },
     Check { name: "off that does not happen is found", kinds: LASERS, run: laser::stuck },
+    Check { name: "current that flows past off is found", kinds: LASERS, run: laser::leaking },
+    Check {
+        name: "on that nobody commanded is found and ended",
+        kinds: LASERS,
+        run: laser::uncommanded,
+    },
+    Check { name: "dropped or given up, it leaves no light", kinds: LASERS, run: laser::dropped },
     Check {
         name: "a lost line is unknown, and off when it is back",
         kinds: LASERS,
