@@ -7,6 +7,7 @@
 //! Simulated instruments of the virtual lab are not here: the app wires them itself, under the name
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
+pub mod bristol;
 pub mod conformance;
 pub mod laser;
 mod options;
@@ -19,7 +20,7 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION, bristol::WAVEMETER];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
