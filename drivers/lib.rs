@@ -9,6 +9,7 @@
 
 pub mod bristol;
 pub mod conformance;
+pub mod lake_shore;
 pub mod laser;
 mod options;
 mod registry;
@@ -20,7 +21,8 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION, bristol::WAVEMETER];
+pub const REGISTRY: &[Driver] =
+    &[zaber::RAIL, zaber::ROTATION, bristol::WAVEMETER, lake_shore::THERMOMETER];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
