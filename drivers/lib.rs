@@ -9,20 +9,29 @@
 
 pub mod bristol;
 pub mod conformance;
+pub mod heidenhain_nd287;
 pub mod lake_shore;
 pub mod laser;
 mod options;
+mod readout;
 mod registry;
 pub mod sim;
+pub mod sylvac;
 pub mod transport;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
-pub use registry::{Connected, Driver, Role, Setting, Simulator};
+pub use registry::{Connected, Driver, Moved, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] =
-    &[zaber::RAIL, zaber::ROTATION, bristol::WAVEMETER, lake_shore::THERMOMETER];
+pub const REGISTRY: &[Driver] = &[
+    zaber::RAIL,
+    zaber::ROTATION,
+    bristol::WAVEMETER,
+    lake_shore::THERMOMETER,
+    sylvac::READOUT,
+    heidenhain_nd287::DISPLAY,
+];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]

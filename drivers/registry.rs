@@ -22,6 +22,8 @@ pub struct Driver {
     pub instruments: &'static str,
     /// Who has verified it and how far: a peer, or "written from the manual, never met a device".
     pub verified: &'static str,
+    /// Whether an axis moves by itself. Of no account for other kinds.
+    pub moved: Moved,
     /// What it reads, where it is the driver of a sensor that reads one thing only.
     pub reads: Option<Quantity>,
     /// How its line is set where the address says nothing; `None` where there is no line of bytes.
@@ -32,6 +34,15 @@ pub struct Driver {
     pub connect: fn(Setting) -> Result<Connected, InstrumentError>,
     /// Makes the simulator that answers as the instrument does.
     pub simulator: Simulator,
+}
+
+/// How an axis moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Moved {
+    /// By its motor, as told.
+    ByMotor,
+    /// By a person: the driver only reads where it stands.
+    ByHand,
 }
 
 /// How a driver's simulator is made: of all the rig's instruments at one address.

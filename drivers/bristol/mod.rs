@@ -18,7 +18,7 @@ pub use sim::BristolMeter;
 
 use beampose_core::Quantity;
 
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
 /// A wavelength meter.
@@ -27,6 +27,7 @@ pub const WAVEMETER: Driver = Driver {
     name: "bristol",
     instruments: "Bristol 671 and 871 wavelength meters (SCPI, TCP port 23)",
     verified: "written from the manual, never met a device",
+    moved: Moved::ByMotor,
     reads: Some(Quantity::Wavelength),
     port: Some(PortSettings::at(115_200)),
     options: &[],

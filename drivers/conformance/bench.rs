@@ -12,9 +12,9 @@ use beampose_core::instrument::AxisUnit;
 use beampose_core::{Axis, Camera, Clock, InstrumentError, Laser, Quantity, Sensor, VirtualClock};
 
 use crate::options::{Options, Value};
-use crate::registry::{Connected, Driver, Role, Setting, Simulator};
+use crate::registry::{Connected, Driver, Moved, Role, Setting, Simulator};
 use crate::sim::{
-    Host, Hosted, Part, Simulated, TestDiode, TestProbe, TestShutter, TestStage, Trouble,
+    Host, Hosted, Part, Simulated, Stage, TestDiode, TestProbe, TestShutter, TestStage, Trouble,
 };
 use crate::transport::{Line, Wire};
 
@@ -180,6 +180,20 @@ impl Bench {
         if let Served::Own(hosted) = &self.served {
             hosted.lose_next();
         }
+    }
+
+    /// Brings an axis to a place: by its motor, or, where it is moved by hand, as a person would.
+    pub(super) fn bring(&self, axis: &Arc<dyn Axis>, target: f64) -> Result<(), String> {
+        let failed = |error: InstrumentError| format!("to {target}: {error}");
+        self.run(axis.move_to(target)).map_err(failed)?;
+        if self.driver.moved == Moved::ByHand {
+            let stage = self.stage.as_ref().ok_or("no stage")?;
+            stage.go(target)?;
+            while stage.is_moving() {
+                self.run(self.clock.sleep(Duration::from_millis(50)));
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn axis(&self) -> Result<Arc<dyn Axis>, String> {

@@ -6,7 +6,7 @@ use beampose_core::InstrumentError;
 
 use super::Way;
 use super::bench::{Bench, DEADLINE};
-use crate::registry::Connected;
+use crate::registry::{Connected, Moved};
 use crate::sim::Fault;
 
 pub(super) fn identifies(bench: &Bench) -> Result<(), String> {
@@ -75,9 +75,7 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     match bench.connect()? {
         Connected::Axis(axis) => {
-            let go = |target: f64| {
-                bench.run(axis.move_to(target)).map_err(|error| format!("to {target}: {error}"))
-            };
+            let go = |target: f64| bench.bring(&axis, target);
             let read = || bench.run(axis.position()).map(|reading| reading.value);
             go(10.0)?;
             trouble.next([Fault::Late(DEADLINE * 2)]);
@@ -180,7 +178,9 @@ pub(super) fn refusal(bench: &Bench) -> Result<(), String> {
         return Ok(());
     }
     let result = match &connected {
-        Connected::Axis(axis) => bench.run(axis.move_to(1.0)),
+        Connected::Axis(axis) if bench.driver.moved == Moved::ByMotor => {
+            bench.run(axis.move_to(1.0))
+        }
         Connected::Laser(laser) => bench.run(laser.emit()),
         _ => bench.run(asker.ask()),
     };

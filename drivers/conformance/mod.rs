@@ -57,6 +57,11 @@ pub const CHECKS: &[Check] = &[
         kinds: AXES,
         run: axis::limits,
     },
+    Check {
+        name: "moved by hand, it is read and does not move by itself",
+        kinds: AXES,
+        run: axis::by_hand,
+    },
     Check { name: "it stops while it moves, and the move says so", kinds: AXES, run: axis::stops },
     Check {
         name: "cut in the middle of a move is an error",

@@ -16,7 +16,7 @@ pub use sim::LakeShoreMonitor;
 use beampose_core::Quantity;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::{Parity, PortSettings};
 
 /// One input of a monitor.
@@ -26,6 +26,7 @@ pub const THERMOMETER: Driver = Driver {
     instruments: "Lake Shore 218, 224, 331, 335, 336, 340 temperature monitors and controllers",
     verified: "the driver by lewis with the emulator Lksh218 of ISIS (readings in kelvin), its \
                simulator by pymeasure; never met a device",
+    moved: Moved::ByMotor,
     reads: Some(Quantity::Temperature),
     port: Some(PortSettings { data_bits: 7, parity: Parity::Odd, ..PortSettings::at(9600) }),
     options: &[
