@@ -9,6 +9,7 @@
 
 pub mod bristol;
 pub mod conformance;
+pub mod generic;
 pub mod heidenhain_nd287;
 pub mod lake_shore;
 pub mod laser;
@@ -31,6 +32,7 @@ pub const REGISTRY: &[Driver] = &[
     lake_shore::THERMOMETER,
     sylvac::READOUT,
     heidenhain_nd287::DISPLAY,
+    generic::READER,
 ];
 
 /// The names of the drivers for a kind of instrument.

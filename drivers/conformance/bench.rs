@@ -143,7 +143,9 @@ impl Bench {
             Served::Line(host) => host.address().clone(),
             Served::Own(hosted) => hosted.address(NAME).ok_or("no address")?,
         };
-        let line = self.driver.port.map(|port| {
+        let options = options(self.driver)?;
+        let port = self.driver.port_settings(&options).map_err(|error| error.to_string())?;
+        let line = port.map(|port| {
             let wire = Wire::new(NAME, address.clone(), port, clock.clone(), None);
             Arc::new(Line::new(Arc::new(wire), DEADLINE))
         });
@@ -152,7 +154,7 @@ impl Bench {
             address,
             line,
             clock,
-            options: options(self.driver)?,
+            options,
             role,
             deadline: DEADLINE,
             simulated: true,

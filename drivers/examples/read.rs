@@ -63,7 +63,8 @@ fn main() -> Result<(), String> {
     let address: Address = place.parse().map_err(|error| format!("{error}"))?;
     let clock: Arc<dyn Clock> = Arc::new(WallClock(Instant::now()));
     let deadline = Duration::from_secs(2);
-    let line = driver.port.map(|port| {
+    let port = driver.port_settings(&options).map_err(|error| error.to_string())?;
+    let line = port.map(|port| {
         let wire = Wire::new("it", address.clone(), port, Arc::clone(&clock), None);
         Arc::new(Line::new(Arc::new(wire), deadline))
     });
