@@ -18,8 +18,10 @@ use crate::sim::{
 };
 use crate::transport::{Line, Wire};
 
-/// How long an answer may take here.
-pub(super) const DEADLINE: Duration = Duration::from_millis(80);
+/// How long an answer may take here: most checks wait for one that does not come.
+const DEADLINE: Duration = Duration::from_millis(80);
+/// How long it may take on a machine that is busy otherwise.
+const PATIENT: Duration = Duration::from_millis(600);
 /// The name of the instrument.
 const NAME: &str = "it";
 
@@ -70,6 +72,8 @@ pub struct Bench {
     pub(super) diode: Option<Arc<TestDiode>>,
     pub(super) probe: Option<Arc<TestProbe>>,
     pub(super) shutter: Option<Arc<TestShutter>>,
+    /// How long an answer may take.
+    pub(super) deadline: Duration,
     scratch: tempfile::TempDir,
 }
 
@@ -128,7 +132,24 @@ impl Bench {
             (Simulator::Hosted(make), _) => Served::Own(make(&all)?),
         };
         let scratch = tempfile::tempdir().map_err(io)?;
-        Ok(Self { driver, way, clock, served, stage, diode, probe, shutter, scratch })
+        Ok(Self {
+            driver,
+            way,
+            clock,
+            served,
+            stage,
+            diode,
+            probe,
+            shutter,
+            deadline: DEADLINE,
+            scratch,
+        })
+    }
+
+    /// The same, for a machine that is busy: everything takes longer, and nothing else changes.
+    #[must_use]
+    pub fn patient(self) -> Self {
+        Self { deadline: PATIENT, ..self }
     }
 
     /// One more connection to the device.
@@ -147,7 +168,7 @@ impl Bench {
         let port = self.driver.port_settings(&options).map_err(|error| error.to_string())?;
         let line = port.map(|port| {
             let wire = Wire::new(NAME, address.clone(), port, clock.clone(), None);
-            Arc::new(Line::new(Arc::new(wire), DEADLINE))
+            Arc::new(Line::new(Arc::new(wire), self.deadline))
         });
         let setting = Setting {
             name: NAME.to_owned(),
@@ -156,7 +177,7 @@ impl Bench {
             clock,
             options,
             role,
-            deadline: DEADLINE,
+            deadline: self.deadline,
             simulated: true,
             scratch: Path::to_owned(self.scratch.path()),
         };

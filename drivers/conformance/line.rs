@@ -5,7 +5,7 @@ use std::time::Duration;
 use beampose_core::InstrumentError;
 
 use super::Way;
-use super::bench::{Bench, DEADLINE};
+use super::bench::Bench;
 use crate::registry::{Connected, Moved};
 use crate::sim::Fault;
 
@@ -78,7 +78,7 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             let go = |target: f64| bench.bring(&axis, target);
             let read = || bench.run(axis.position()).map(|reading| reading.value);
             go(10.0)?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             expect_timeout(read())?;
             go(20.0)?;
             near(20.0, read().map_err(|error| error.to_string())?)
@@ -87,17 +87,17 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             let read = || bench.run(sensor.read()).map(|reading| reading.value);
             let probe = bench.probe.as_ref().ok_or("no probe")?;
             read().map_err(|error| error.to_string())?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             expect_timeout(read())?;
-            std::thread::sleep(DEADLINE / 2);
+            std::thread::sleep(bench.deadline / 2);
             let found = read().map_err(|error| format!("after the late answer: {error}"))?;
             near(probe.value(probe.reads() - 1), found)
         }
         Connected::Laser(_) | Connected::Camera(_) => {
             let asker = bench.asker()?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             let _ = bench.run(asker.ask());
-            std::thread::sleep(DEADLINE * 2);
+            std::thread::sleep(bench.deadline * 2);
             works_again(bench, &asker)
         }
     }

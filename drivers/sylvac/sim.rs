@@ -15,6 +15,8 @@ pub struct SylvacReadout {
     three_places: bool,
     /// Added to what the scale counts, mm.
     preset: f64,
+    /// What it showed when it was last asked.
+    shown: String,
     refuse: bool,
 }
 
@@ -25,6 +27,7 @@ pub(super) fn simulate(all: &[Simulated]) -> Result<Box<dyn Device>, String> {
         inches: false,
         three_places: true,
         preset: 0.0,
+        shown: "     0.000".to_owned(),
         refuse: false,
     }))
 }
@@ -42,7 +45,10 @@ impl SylvacReadout {
     /// The answer to a command; `None` for what it does not know.
     fn obey(&mut self, command: &str) -> Option<String> {
         Some(match command {
-            "?" | "PRI" => self.value(),
+            "?" | "PRI" => {
+                self.shown = self.value();
+                self.shown.clone()
+            }
             "ID?" => "SYLVAC - TRIMOS V600".to_owned(),
             "UNI?" => if self.inches { "IN" } else { "MM" }.to_owned(),
             "VER?" => "1.04".to_owned(),
@@ -87,8 +93,9 @@ impl Device for SylvacReadout {
     }
 
     fn chatter(&mut self) -> Vec<u8> {
-        // PRINT was pressed some time ago, elsewhere on the rail.
-        b"   299.999\r".to_vec()
+        // PRINT was pressed a while ago. Nothing is read for it: what the encoder is asked, and
+        // how often, is the caller's alone.
+        format!("{}\r", self.shown).into_bytes()
     }
 
     fn refuse_next(&mut self) -> bool {
@@ -118,8 +125,14 @@ mod tests {
             Arc::new(VirtualClock::starting_at(jiff::Timestamp::UNIX_EPOCH));
         assert_eq!(clock.now().monotonic, Duration::ZERO);
         let stage = Arc::new(TestStage::new(clock, [0.0, 300.0], 50.0));
-        let mut readout =
-            SylvacReadout { stage, inches: false, three_places: true, preset: 0.0, refuse: false };
+        let mut readout = SylvacReadout {
+            stage,
+            inches: false,
+            three_places: true,
+            preset: 0.0,
+            shown: String::new(),
+            refuse: false,
+        };
         let mut ask = |words: &str| {
             let mut pending = format!("{words}\r").into_bytes();
             String::from_utf8(readout.receive(&mut pending)).unwrap()

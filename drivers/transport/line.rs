@@ -33,8 +33,9 @@ impl Line {
     pub async fn talk<'a>(&'a self, seen: &'a AtomicU64) -> Result<Talk<'a>, InstrumentError> {
         let turn = self.turn.lock().await;
         let opened = self.transport.open(self.deadline.max(CONNECT)).await?;
-        if self.owed.swap(false, Ordering::SeqCst) {
+        if self.owed.load(Ordering::SeqCst) {
             self.transport.discard(self.deadline * 2).await?;
+            self.owed.store(false, Ordering::SeqCst);
         }
         Ok(Talk { line: self, opened, seen, _turn: turn })
     }
@@ -44,6 +45,18 @@ impl Line {
             self.owed.store(true, Ordering::SeqCst);
         }
         received
+    }
+
+    /// Awaits one step of a conversation. Whoever drops it on the way (an abort, a time limit) leaves
+    /// an answer that nobody receives: the next talk must not take it for its own.
+    async fn whole<T>(
+        &self,
+        step: impl Future<Output = Result<T, InstrumentError>>,
+    ) -> Result<T, InstrumentError> {
+        let before = self.owed.swap(true, Ordering::SeqCst);
+        let ended = step.await;
+        self.owed.store(before, Ordering::SeqCst);
+        self.noted(ended)
     }
 
     /// From a drop or a panic: see [`Transport::send_without_waiting`].
@@ -80,7 +93,8 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::send`].
     pub async fn send(&mut self, bytes: &[u8]) -> Result<(), InstrumentError> {
-        self.line.transport.send(bytes, self.line.deadline).await
+        let line = self.line;
+        line.whole(line.transport.send(bytes, line.deadline)).await
     }
 
     /// Receives up to a terminator.
@@ -88,8 +102,8 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::receive_until`].
     pub async fn until(&mut self, terminator: u8) -> Result<Vec<u8>, InstrumentError> {
-        let received = self.line.transport.receive_until(terminator, self.line.deadline).await;
-        self.line.noted(received)
+        let line = self.line;
+        line.whole(line.transport.receive_until(terminator, line.deadline)).await
     }
 
     /// Receives `count` bytes.
@@ -97,8 +111,8 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::receive_exactly`].
     pub async fn exactly(&mut self, count: usize) -> Result<Vec<u8>, InstrumentError> {
-        let received = self.line.transport.receive_exactly(count, self.line.deadline).await;
-        self.line.noted(received)
+        let line = self.line;
+        line.whole(line.transport.receive_exactly(count, line.deadline)).await
     }
 
     /// Says that what came was no answer: the next talk begins when the line is quiet.
