@@ -8,19 +8,25 @@
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
 pub mod arroyo;
+pub mod bristol;
 pub mod conformance;
+pub mod generic;
+pub mod heidenhain_nd287;
+pub mod lake_shore;
 pub mod laser;
 pub mod newport_smc;
 mod options;
+mod readout;
 mod registry;
 pub mod sim;
-pub mod thorlabs_apt;
 pub mod srs_ldc500;
+pub mod sylvac;
+pub mod thorlabs_apt;
 pub mod transport;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
-pub use registry::{Connected, Driver, Role, Setting, Simulator};
+pub use registry::{Connected, Driver, Moved, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[
@@ -34,6 +40,11 @@ pub const REGISTRY: &[Driver] = &[
     srs_ldc500::TEMPERATURE,
     zaber::RAIL,
     zaber::ROTATION,
+    bristol::WAVEMETER,
+    lake_shore::THERMOMETER,
+    sylvac::READOUT,
+    heidenhain_nd287::DISPLAY,
+    generic::READER,
 ];
 
 /// The names of the drivers for a kind of instrument.
