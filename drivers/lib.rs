@@ -7,7 +7,9 @@
 //! Simulated instruments of the virtual lab are not here: the app wires them itself, under the name
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
+mod aside;
 pub mod conformance;
+pub mod folder_camera;
 pub mod laser;
 mod options;
 mod registry;
@@ -19,7 +21,7 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] = &[folder_camera::CAMERA, zaber::RAIL, zaber::ROTATION];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]
