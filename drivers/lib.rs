@@ -10,6 +10,7 @@
 mod aside;
 pub mod conformance;
 pub mod folder_camera;
+pub mod gphoto2;
 pub mod laser;
 mod options;
 mod registry;
@@ -21,7 +22,8 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] = &[folder_camera::CAMERA, zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] =
+    &[folder_camera::CAMERA, gphoto2::CAMERA, zaber::RAIL, zaber::ROTATION];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]

@@ -4,7 +4,7 @@
 //! How the camera is released is the option `release`: a command line that is waited for to its
 //! end, `tcp:host:port` (the line `RELEASE` is sent, `OK` or `ERROR why` awaited), or nothing: then
 //! somebody else releases. A program that fills the folder and can be asked for a release may leave
-//! a file `.beampose-release` in it with its `tcp:host:port`; so does [`sim`]. A command is never
+//! a file `.beampose-release` in it with its `tcp:host:port`; so does [`TetheredFolder`]. A command is never
 //! taken from such a file.
 //!
 //! What was in the folder before the release is never taken for its picture. After a picture that
