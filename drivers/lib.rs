@@ -8,9 +8,12 @@
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
 pub mod arroyo;
+mod aside;
 pub mod bristol;
 pub mod conformance;
+pub mod folder_camera;
 pub mod generic;
+pub mod gphoto2;
 pub mod heidenhain_nd287;
 pub mod lake_shore;
 pub mod laser;
@@ -30,21 +33,23 @@ pub use registry::{Connected, Driver, Moved, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[
-    newport_smc::RAIL,
-    newport_smc::ROTATION,
-    thorlabs_apt::RAIL,
-    thorlabs_apt::ROTATION,
     arroyo::LASER,
     arroyo::TEMPERATURE,
+    bristol::WAVEMETER,
+    folder_camera::CAMERA,
+    generic::READER,
+    gphoto2::CAMERA,
+    heidenhain_nd287::DISPLAY,
+    lake_shore::THERMOMETER,
+    newport_smc::RAIL,
+    newport_smc::ROTATION,
     srs_ldc500::LASER,
     srs_ldc500::TEMPERATURE,
+    sylvac::READOUT,
+    thorlabs_apt::RAIL,
+    thorlabs_apt::ROTATION,
     zaber::RAIL,
     zaber::ROTATION,
-    bristol::WAVEMETER,
-    lake_shore::THERMOMETER,
-    sylvac::READOUT,
-    heidenhain_nd287::DISPLAY,
-    generic::READER,
 ];
 
 /// The names of the drivers for a kind of instrument.

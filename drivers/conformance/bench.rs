@@ -198,6 +198,12 @@ impl Bench {
         self.host().map(Host::trouble)
     }
 
+    /// What this machine lacks for the driver to be tried: see [`Hosted::lacks`].
+    #[must_use]
+    pub fn lacks(&self) -> Option<String> {
+        if let Served::Own(hosted) = &self.served { hosted.lacks() } else { None }
+    }
+
     /// A picture on its way gets lost.
     pub(super) fn lose_next(&self) {
         if let Served::Own(hosted) = &self.served {

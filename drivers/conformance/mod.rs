@@ -127,11 +127,22 @@ pub const CHECKS: &[Check] = &[
     Check { name: "an armed camera can be disarmed", kinds: CAMERAS, run: camera::disarms },
 ];
 
+/// Why a driver cannot be tried on this machine, as `name (kind), way: why`: for whoever tries to say
+/// so. Its checks are then not among those that fail.
+#[must_use]
+pub fn untried(driver: &'static Driver) -> Vec<String> {
+    let lacks = |way: &Way| Some((*way, Bench::new(driver, *way).ok()?.lacks()?));
+    let said = |(way, why)| format!("{} ({}), {way}: {why}", driver.name, driver.kind);
+    Way::of(driver).iter().filter_map(lacks).map(said).collect()
+}
+
 /// Tries everything that concerns a driver. What failed, as `check, way: why`.
 #[must_use]
 pub fn failures(driver: &'static Driver) -> Vec<String> {
     let mut failed = Vec::new();
-    for way in Way::of(driver) {
+    // One whose simulator cannot be made fails in every check.
+    let lacks = |way: &Way| Bench::new(driver, *way).is_ok_and(|bench| bench.lacks().is_some());
+    for way in Way::of(driver).iter().filter(|way| !lacks(way)) {
         for check in CHECKS.iter().filter(|c| c.kinds.is_empty() || c.kinds.contains(&driver.kind))
         {
             let bench = || Bench::new(driver, *way);

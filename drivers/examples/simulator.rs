@@ -2,7 +2,8 @@
 //! people's clients, in `.ci/peers`.
 //!
 //! `simulator KIND NAME tcp:127.0.0.1:0 [OPTION=VALUE...]` or `... pty:LINK`; prints the address and
-//! serves until its standard input ends.
+//! serves until its standard input ends. A camera's simulator has its own address, and takes lines:
+//! `lose` (the next picture), `releases` (prints how many there were).
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
@@ -94,7 +95,13 @@ fn main() -> Result<(), String> {
         Simulator::Hosted(make) => {
             let hosted = make(&all)?;
             println!("{}", hosted.address("it").ok_or("no address")?);
-            std::io::stdin().read_to_end(&mut until_the_end).map_err(io)?;
+            for line in std::io::stdin().lines() {
+                match line.map_err(io)?.as_str() {
+                    "lose" => hosted.lose_next(),
+                    "releases" => println!("{}", hosted.releases("it").len()),
+                    other => println!("{other:?} is neither lose nor releases"),
+                }
+            }
             drop(hosted);
         }
     }
