@@ -10,9 +10,11 @@
 pub mod arroyo;
 pub mod conformance;
 pub mod laser;
+pub mod newport_smc;
 mod options;
 mod registry;
 pub mod sim;
+pub mod thorlabs_apt;
 pub mod srs_ldc500;
 pub mod transport;
 pub mod zaber;
@@ -22,6 +24,10 @@ pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[
+    newport_smc::RAIL,
+    newport_smc::ROTATION,
+    thorlabs_apt::RAIL,
+    thorlabs_apt::ROTATION,
     arroyo::LASER,
     arroyo::TEMPERATURE,
     srs_ldc500::LASER,

@@ -42,6 +42,11 @@ pub const CHECKS: &[Check] = &[
     Check { name: "half an answer is not taken for one", kinds: &[], run: line::half },
     Check { name: "what nobody asked for is passed over", kinds: &[], run: line::chatter },
     Check { name: "a late answer is not taken for a later one", kinds: &[], run: line::late },
+    Check {
+        name: "a question that is given up leaves nothing behind",
+        kinds: &[],
+        run: line::given_up,
+    },
     Check { name: "a cut line is made again", kinds: &[], run: line::cut },
     Check {
         name: "a pulled cable is named, and mended by plugging it in",
