@@ -14,13 +14,13 @@ pub mod newport_smc;
 mod options;
 mod registry;
 pub mod sim;
-pub mod thorlabs_apt;
 pub mod srs_ldc500;
+pub mod thorlabs_apt;
 pub mod transport;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
-pub use registry::{Connected, Driver, Role, Setting, Simulator};
+pub use registry::{Connected, Driver, Made, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[
