@@ -2,7 +2,8 @@
 //! people's clients, in `.ci/peers`.
 //!
 //! `simulator KIND NAME tcp:127.0.0.1:0 [OPTION=VALUE...]` or `... pty:LINK`; prints the address and
-//! serves until its standard input ends.
+//! serves until its standard input ends. A camera's simulator has its own address, and takes lines:
+//! `lose` (the next picture), `releases` (prints how many there were).
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
@@ -11,8 +12,10 @@ use std::time::{Duration, Instant};
 
 use beampose_core::clock::{BoxFuture, ExternalGuard};
 use beampose_core::{Clock, Quantity, Stamp};
-use beampose_drivers::sim::{Host, Part, Simulated, TestDiode, TestProbe, TestShutter, TestStage};
-use beampose_drivers::{Options, Role, Simulator};
+use beampose_drivers::sim::{
+    Host, Part, Simulated, Stage, TestDiode, TestProbe, TestShutter, TestStage,
+};
+use beampose_drivers::{Moved, Options, Role, Simulator};
 
 /// Simulators only look at the time; nobody here waits on it.
 struct WallClock(Instant);
@@ -49,6 +52,10 @@ fn main() -> Result<(), String> {
                 (beampose_core::instrument::AxisUnit::Degree, [-180.0, 180.0])
             };
             let stage = TestStage::new(Arc::clone(&clock), limits, 50.0);
+            if driver.moved == Moved::ByHand {
+                // Somebody pushes it there: it arrives within three seconds.
+                stage.go(123.4567)?;
+            }
             (Role::Axis { unit, limits, speed: 50.0 }, Part::Stage(Arc::new(stage)))
         }
         "laser" => {
@@ -88,7 +95,13 @@ fn main() -> Result<(), String> {
         Simulator::Hosted(make) => {
             let hosted = make(&all)?;
             println!("{}", hosted.address("it").ok_or("no address")?);
-            std::io::stdin().read_to_end(&mut until_the_end).map_err(io)?;
+            for line in std::io::stdin().lines() {
+                match line.map_err(io)?.as_str() {
+                    "lose" => hosted.lose_next(),
+                    "releases" => println!("{}", hosted.releases("it").len()),
+                    other => println!("{other:?} is neither lose nor releases"),
+                }
+            }
             drop(hosted);
         }
     }

@@ -8,6 +8,7 @@ mod trouble;
 mod world;
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use beampose_core::Clock;
 
@@ -73,4 +74,17 @@ pub trait Hosted: Send + Sync {
 
     /// The next picture or answer gets lost.
     fn lose_next(&self);
+
+    /// What this machine lacks for the driver to be tried against it: a program that is built apart,
+    /// a kernel module. Whoever tries says so, and does not pass over it in silence.
+    fn lacks(&self) -> Option<String> {
+        None
+    }
+
+    /// When requests for a picture reached the camera of that name, real time: how far apart those
+    /// of several cameras are is measured by them.
+    fn releases(&self, name: &str) -> Vec<Instant> {
+        let _ = name;
+        Vec::new()
+    }
 }

@@ -3,7 +3,8 @@
 
 // What the example finds at the root of the drivers' crate.
 use beampose_drivers::{
-    Connected, Driver, OptionSpec, Role, Setting, Simulator, Value, conformance, sim, transport,
+    Connected, Driver, Moved, OptionSpec, Role, Setting, Simulator, Value, conformance, sim,
+    transport,
 };
 
 mod acme_t100;

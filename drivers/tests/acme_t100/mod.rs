@@ -9,7 +9,7 @@ mod sim;
 use beampose_core::Quantity;
 
 use crate::transport::PortSettings;
-use crate::{Driver, OptionSpec, Simulator, Value};
+use crate::{Driver, Moved, OptionSpec, Simulator, Value};
 
 /// A sensor.
 pub const SENSOR: Driver = Driver {
@@ -17,6 +17,8 @@ pub const SENSOR: Driver = Driver {
     name: "acme-t100",
     instruments: "Acme T100",
     verified: "written from the manual, never met a device",
+    // Of no account for what is no axis.
+    moved: Moved::ByMotor,
     reads: Some(Quantity::Temperature),
     port: Some(PortSettings::at(9_600)),
     options: &[OptionSpec {
