@@ -134,7 +134,8 @@ impl Sensor for Bristol {
             return Err(InstrumentError::Refused(format!("no valid wavelength: {complaint}")));
         }
         let value = match protocol::frequency(&answer) {
-            Some(Frequency::Vacuum(nm)) => nm,
+            // Seven digits of a frequency are 0.1 pm: what stands behind is not the meter's.
+            Some(Frequency::Vacuum(nm)) => (nm * 1e6).round() / 1e6,
             Some(Frequency::None) => {
                 let why = "no valid wavelength: it measured none; is there light in its fibre?";
                 return Err(InstrumentError::Refused(why.to_owned()));
