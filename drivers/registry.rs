@@ -95,10 +95,13 @@ pub enum Moved {
 #[derive(Debug, Clone, Copy)]
 pub enum Simulator {
     /// A device on one line of bytes; [`crate::sim::Host`] gives it a pty or a TCP port.
-    Device(fn(&[Simulated]) -> Result<Box<dyn Device>, String>),
+    Device(fn(&[Simulated]) -> Made<dyn Device>),
     /// Something that brings its own sockets or files.
-    Hosted(fn(&[Simulated]) -> Result<Box<dyn Hosted>, String>),
+    Hosted(fn(&[Simulated]) -> Made<dyn Hosted>),
 }
+
+/// A simulator, or in words for people why there is none.
+pub type Made<T> = Result<Box<T>, String>;
 
 /// What a driver is told of its instrument.
 pub struct Setting {

@@ -99,7 +99,7 @@ pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {
         bench.clock.sleep(Duration::from_millis(700)).await;
         trouble.unplug(true);
         // Real time: the host notices.
-        std::thread::sleep(Duration::from_millis(40));
+        bench.pause();
     };
     let (moved, ()) = bench.run(join(axis.move_to(80.0), pull));
     match moved {
@@ -107,7 +107,7 @@ pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {
         other => return Err(format!("expected a lost connection, got {other:?}")),
     }
     trouble.unplug(false);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(axis.position());
     bench.run(axis.stop()).map_err(|error| format!("stop afterwards: {error}"))?;
     bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))
@@ -118,7 +118,7 @@ pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
     let axis = bench.axis()?;
     bench.run(axis.move_to(5.0)).map_err(|error| error.to_string())?;
     host.reboot();
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(axis.position());
     let Some(homing) = axis.homing() else {
         return bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"));

@@ -189,6 +189,11 @@ impl Bench {
         futures::executor::block_on(self.clock.drive(Box::pin(future)))
     }
 
+    /// Lets real time pass in which host and device notice what was done to them.
+    pub(super) fn pause(&self) {
+        std::thread::sleep(self.deadline / 2);
+    }
+
     /// The host of the line; `None` for instruments without a line of bytes.
     pub(super) fn host(&self) -> Option<&Host> {
         if let Served::Line(host) = &self.served { Some(host) } else { None }

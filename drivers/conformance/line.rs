@@ -165,7 +165,7 @@ pub(super) fn cut(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     let asker = bench.asker()?;
     trouble.cut();
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     // The first call may find out, the next finds it mended.
     match bench.run(asker.ask()) {
         Ok(()) | Err(InstrumentError::Disconnected(_) | InstrumentError::Timeout(_)) => {}
@@ -178,7 +178,7 @@ pub(super) fn unplugged(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     let asker = bench.asker()?;
     trouble.unplug(true);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let mut last = Ok(());
     for _ in 0..3 {
         last = bench.run(asker.ask());
@@ -188,7 +188,7 @@ pub(super) fn unplugged(bench: &Bench) -> Result<(), String> {
         other => return Err(format!("expected a lost connection with a reason, got {other:?}")),
     }
     trouble.unplug(false);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(asker.ask());
     works_again(bench, &asker)
 }

@@ -4,7 +4,7 @@
 //!
 //! Sources: operation and service manual, chapter "Remote Operation" (syntax, buffers, token and
 //! termination modes, limits, the table of `LCME?`), and the behaviour of pymeasure's `LDC500Series`
-//! that talks to [`sim`]. What nobody could check: the table of `LEXE?` (a code is reported as a
+//! that talks to `sim`. What nobody could check: the table of `LEXE?` (a code is reported as a
 //! number), what the Ethernet port refuses before `ULOC 1`, what `TTRD?` answers without a sensor,
 //! and every trip of the real hardware. The range (`RNGE`), the voltage limit (`SVLM`) and the
 //! temperature control are set at the front panel, for the diode in use; this driver changes neither
