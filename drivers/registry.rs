@@ -91,13 +91,16 @@ pub enum Moved {
     ByHand,
 }
 
+/// Makes a simulator of the instruments at one address, or says why it cannot.
+pub type Make<T> = fn(&[Simulated]) -> Result<Box<T>, String>;
+
 /// How a driver's simulator is made: of all the rig's instruments at one address.
 #[derive(Debug, Clone, Copy)]
 pub enum Simulator {
     /// A device on one line of bytes; [`crate::sim::Host`] gives it a pty or a TCP port.
-    Device(fn(&[Simulated]) -> Result<Box<dyn Device>, String>),
+    Device(Make<dyn Device>),
     /// Something that brings its own sockets or files.
-    Hosted(fn(&[Simulated]) -> Result<Box<dyn Hosted>, String>),
+    Hosted(Make<dyn Hosted>),
 }
 
 /// What a driver is told of its instrument.

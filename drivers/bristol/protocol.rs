@@ -100,8 +100,6 @@ pub(super) fn identity(answer: &str) -> Option<(String, String, String)> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
 
     #[test]

@@ -197,8 +197,6 @@ impl Device for BristolMeter {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
     use crate::sim::TestProbe;
 

@@ -78,8 +78,6 @@ pub(super) fn identity(answer: &str) -> Option<(String, Option<String>, String)>
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
 
     #[test]

@@ -110,8 +110,6 @@ impl Device for SylvacReadout {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use std::time::Duration;
 
     use beampose_core::{Clock, VirtualClock};

@@ -62,8 +62,6 @@ pub(super) fn gone(address: &Address, error: &io::Error) -> InstrumentError {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use std::net::TcpListener;
     use std::time::Duration;
 

@@ -56,8 +56,6 @@ fn stable_names(folder: &Path) -> BTreeMap<PathBuf, String> {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use std::os::unix::fs::symlink;
 
     use super::*;
