@@ -12,6 +12,7 @@ use async_trait::async_trait;
 use beampose_core::transport::Transport;
 use beampose_core::{InstrumentError, VirtualClock};
 use beampose_drivers::sim::Device;
+use beampose_drivers::transport::Address;
 use beampose_drivers::{Connected, Driver, REGISTRY};
 use common::{clock, connect, device, interview, options, part, role, run};
 use proptest::prelude::*;
@@ -190,6 +191,15 @@ fn fresh(driver: &'static Driver, clock: &VirtualClock) -> Option<Box<dyn Device
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn addresses_take_any_text_and_read_back_as_they_are_written(
+        text in "((tcp|serial|simulator|folder|device):)?[/\\[\\]:.?=a-z0-9C-O]{0,24}(:[0-9]{1,5})?",
+    ) {
+        if let Ok(address) = text.parse::<Address>() {
+            prop_assert_eq!(address.to_string().parse::<Address>(), Ok(address));
+        }
+    }
 
     #[test]
     fn simulators_take_any_bytes(pieces in proptest::collection::vec(line(), 1..12)) {
