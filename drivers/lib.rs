@@ -29,7 +29,7 @@ pub mod transport;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
-pub use registry::{Connected, Driver, Made, Moved, Role, Setting, Simulator};
+pub use registry::{Connected, Driver, Make, Moved, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[

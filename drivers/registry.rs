@@ -91,17 +91,17 @@ pub enum Moved {
     ByHand,
 }
 
+/// Makes a simulator of the instruments at one address, or says why it cannot.
+pub type Make<T> = fn(&[Simulated]) -> Result<Box<T>, String>;
+
 /// How a driver's simulator is made: of all the rig's instruments at one address.
 #[derive(Debug, Clone, Copy)]
 pub enum Simulator {
     /// A device on one line of bytes; [`crate::sim::Host`] gives it a pty or a TCP port.
-    Device(fn(&[Simulated]) -> Made<dyn Device>),
+    Device(Make<dyn Device>),
     /// Something that brings its own sockets or files.
-    Hosted(fn(&[Simulated]) -> Made<dyn Hosted>),
+    Hosted(Make<dyn Hosted>),
 }
-
-/// A simulator, or in words for people why there is none.
-pub type Made<T> = Result<Box<T>, String>;
 
 /// What a driver is told of its instrument.
 pub struct Setting {

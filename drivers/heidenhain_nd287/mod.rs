@@ -1,7 +1,7 @@
 //! Heidenhain ND 287 position displays, on a rail that is moved by hand (RS-232 or USB serial port).
 //!
 //! Sources: the ND 287 manual (page 108: commands that ask for the contents of the screen; its
-//! status bar) and pymeasure's client, which reads `sim`. What no peer could check: the default of
+//! status bar) and pymeasure's client, which reads its simulator. What no peer could check: the default of
 //! the line (9600 baud, 7E2 here, as open scripts have it; `?baud=` in the address for another), and
 //! displays of several axes.
 //!

@@ -3,7 +3,7 @@
 //!
 //! Sources: the manuals of 218 and 336, and two foreign peers: the device emulator `Lksh218` of the
 //! ISIS facility (on lewis), which this driver reads, and the client of pymeasure, which reads
-//! `sim`. What no peer could check: what a real one answers for an input without a sensor, and how
+//! its simulator. What no peer could check: what a real one answers for an input without a sensor, and how
 //! it takes more than 20 commands a second.
 
 mod driver;

@@ -2,19 +2,21 @@
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 
+#[path = "../common/mod.rs"]
 mod common;
+mod lake_shore;
 
 use std::future::Future;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::pin::pin;
 use std::sync::Arc;
 use std::task::{Context, Waker};
 use std::time::Duration;
 
 use beampose_core::transport::Transport;
-use beampose_core::{Clock, Sensor, VirtualClock};
+use beampose_core::{Clock, InstrumentError, Sensor, VirtualClock};
 use beampose_drivers::sim::{Fault, Host, LineSettings, Part, Stage, TestProbe, TestStage};
-use beampose_drivers::transport::{FlowControl, Recorder, Replay, Wire};
+use beampose_drivers::transport::{Address, FlowControl, PortSettings, Recorder, Replay, Wire};
 use beampose_drivers::{Connected, Driver, Options, REGISTRY, find};
 use common::{DEADLINE, clock, connect, device, interview, options, part, role, run};
 
@@ -106,6 +108,22 @@ fn a_recorded_conversation_plays_back_to_the_same_results() {
         assert!(replay.is_over(), "{}", driver.name);
         assert!(run(&clock, interview(&played)).iter().any(Result::is_err), "{}", driver.name);
     }
+}
+
+#[test]
+fn what_the_instrument_does_not_take_is_a_timeout() {
+    let listener = TcpListener::bind(any_port()).unwrap();
+    let (clock, settings) = (clock(), PortSettings::at(9600));
+    let Ok(SocketAddr::V4(bound)) = listener.local_addr() else { unreachable!("IPv4") };
+    let address = Address::Tcp { host: bound.ip().to_string(), port: bound.port() };
+    let wire = Wire::new("it", address, settings, Arc::new(clock.clone()), None);
+    let deadline = Duration::from_millis(100);
+    let ended = run(&clock, async {
+        wire.open(deadline).await.unwrap();
+        // More than any buffer between: nobody reads at the other end.
+        wire.send(&vec![b'x'; 1 << 25], deadline).await
+    });
+    assert_eq!(ended, Err(InstrumentError::Timeout(deadline)));
 }
 
 /// Polls a future for a while and drops it, as an abort does.
