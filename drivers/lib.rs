@@ -7,14 +7,18 @@
 //! Simulated instruments of the virtual lab are not here: the app wires them itself, under the name
 //! `simulated`, and hands them to the simulators here as the [`sim::Part`] that these move.
 
+pub mod arroyo;
 mod aside;
 pub mod conformance;
 pub mod folder_camera;
 pub mod gphoto2;
 pub mod laser;
+pub mod newport_smc;
 mod options;
 mod registry;
 pub mod sim;
+pub mod srs_ldc500;
+pub mod thorlabs_apt;
 pub mod transport;
 pub mod zaber;
 
@@ -22,8 +26,20 @@ pub use options::{OptionSpec, Options, Value};
 pub use registry::{Connected, Driver, Role, Setting, Simulator};
 
 /// Every driver that this program has.
-pub const REGISTRY: &[Driver] =
-    &[folder_camera::CAMERA, gphoto2::CAMERA, zaber::RAIL, zaber::ROTATION];
+pub const REGISTRY: &[Driver] = &[
+    folder_camera::CAMERA,
+    gphoto2::CAMERA,
+    newport_smc::RAIL,
+    newport_smc::ROTATION,
+    thorlabs_apt::RAIL,
+    thorlabs_apt::ROTATION,
+    arroyo::LASER,
+    arroyo::TEMPERATURE,
+    srs_ldc500::LASER,
+    srs_ldc500::TEMPERATURE,
+    zaber::RAIL,
+    zaber::ROTATION,
+];
 
 /// The names of the drivers for a kind of instrument.
 #[must_use]

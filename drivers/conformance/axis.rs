@@ -104,5 +104,10 @@ pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
         other => return Err(format!("a move without reference: {other:?}")),
     }
     bench.run(homing.home()).map_err(|error| format!("homing: {error}"))?;
+    // Again: some controllers take that only after a reset, which is the driver's affair.
+    bench.run(homing.home()).map_err(|error| format!("homing again: {error}"))?;
+    if !bench.run(homing.is_homed()).map_err(|error| error.to_string())? {
+        return Err("it does not say that it is homed after homing".to_owned());
+    }
     bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))
 }

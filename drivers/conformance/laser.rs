@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use beampose_core::{Clock, Emission, InstrumentError};
-use futures::future::join;
+use futures::future::{join, select};
 
 use super::bench::{Bench, role};
 use crate::laser::SHORTEST_DELAY;
@@ -52,6 +52,7 @@ pub(super) fn on_and_off(bench: &Bench) -> Result<(), String> {
     Ok(())
 }
 
+/// With a rig file that says no delay, too.
 pub(super) fn delay(bench: &Bench) -> Result<(), String> {
     let no_delay = match role(bench.driver) {
         Role::Laser { current_ma, .. } => {
@@ -59,12 +60,18 @@ pub(super) fn delay(bench: &Bench) -> Result<(), String> {
         }
         other => other,
     };
-    let laser = bench.laser_as(no_delay)?;
+    let (laser, diode) = (bench.laser_as(no_delay)?, diode(bench)?);
+    bench.run(laser.identify()).map_err(in_words)?;
     let start = bench.clock.now().monotonic;
-    bench.run(laser.emit()).map_err(in_words)?;
+    let watch = async {
+        bench.clock.sleep(SHORTEST_DELAY - Duration::from_millis(20)).await;
+        diode.emits()
+    };
+    let (lit, early) = bench.run(join(laser.emit(), watch));
+    lit.map_err(in_words)?;
     let took = bench.clock.now().monotonic - start;
-    if took < SHORTEST_DELAY {
-        return Err(format!("light after {took:?}"));
+    if early || took < SHORTEST_DELAY {
+        return Err(format!("light before its delay; emit took {took:?}"));
     }
     Ok(())
 }
@@ -95,6 +102,41 @@ pub(super) fn interlock(bench: &Bench) -> Result<(), String> {
     refused(bench.run(laser.emit())).map_err(|why| format!("after it opened: {why}"))
 }
 
+/// Open for a moment while light is to come.
+pub(super) fn interlock_meanwhile(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    let moment = async {
+        bench.clock.sleep(Duration::from_secs(1)).await;
+        diode.interlock_open.store(true, Ordering::SeqCst);
+        bench.clock.sleep(Duration::from_millis(500)).await;
+        diode.interlock_open.store(false, Ordering::SeqCst);
+    };
+    let (lit, ()) = bench.run(join(laser.emit(), moment));
+    refused(lit)?;
+    if diode.is_on() {
+        return Err("it is on although its contact was open".to_owned());
+    }
+    refused(bench.run(laser.emit())).map_err(|why| format!("closed again: {why}"))?;
+    bench.run(laser.off()).map_err(in_words)?;
+    bench.run(laser.emit()).map_err(|error| format!("after off: {error}"))
+}
+
+pub(super) fn temperature(bench: &Bench) -> Result<(), String> {
+    // Whose driver has no say in the temperature has no such option.
+    if bench.driver.options.iter().all(|spec| spec.name != "temperature_tolerance") {
+        return Ok(());
+    }
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.identify()).map_err(in_words)?;
+    diode.warm_to(31.0);
+    refused(bench.run(laser.emit()))?;
+    if diode.is_on() {
+        return Err("it is on although it refused".to_owned());
+    }
+    diode.warm_to(25.0);
+    bench.run(laser.emit()).map_err(|error| format!("at its temperature again: {error}"))
+}
+
 fn refused(result: Result<(), InstrumentError>) -> Result<(), String> {
     match result {
         Err(InstrumentError::Refused(_)) => Ok(()),
@@ -114,6 +156,58 @@ pub(super) fn stuck(bench: &Bench) -> Result<(), String> {
         Emission::Off => Err("it burns and reads as off".to_owned()),
         _ => Ok(()),
     }
+}
+
+/// Its output says off, and current flows.
+pub(super) fn leaking(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.emit()).map_err(in_words)?;
+    diode.leaks.store(true, Ordering::SeqCst);
+    match bench.run(laser.off()) {
+        Err(InstrumentError::Fault(why)) if why.contains("assume on") => {}
+        other => return Err(format!("expected a fault, got {other:?}")),
+    }
+    match bench.run(laser.emission()) {
+        Emission::Off => Err("current flows, and it reads as off".to_owned()),
+        _ => Ok(()),
+    }
+}
+
+/// Somebody switches on at the front panel.
+pub(super) fn uncommanded(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    bench.run(laser.identify()).map_err(in_words)?;
+    diode.switch(true);
+    if bench.run(laser.emission()) == Emission::Off {
+        return Err("it is on and reads as off".to_owned());
+    }
+    std::thread::sleep(Duration::from_millis(60));
+    if diode.is_on() {
+        return Err("on without a command, seen, and left on".to_owned());
+    }
+    diode.switch(true);
+    match bench.run(laser.emit()) {
+        Err(InstrumentError::Fault(why)) if !why.is_empty() => {}
+        other => return Err(format!("expected a fault, got {other:?}")),
+    }
+    if diode.is_on() { Err("it is on although it refused".to_owned()) } else { Ok(()) }
+}
+
+/// Dropped while it emits, and given up while it is to emit.
+pub(super) fn dropped(bench: &Bench) -> Result<(), String> {
+    let (laser, diode) = (bench.laser()?, diode(bench)?);
+    let given_up = bench.clock.sleep(Duration::from_secs(1));
+    drop(bench.run(select(Box::pin(laser.emit()), given_up)));
+    std::thread::sleep(Duration::from_millis(60));
+    bench.run(bench.clock.sleep(Duration::from_secs(10)));
+    if diode.is_on() {
+        return Err("emit was given up half-way, and it is on".to_owned());
+    }
+    bench.run(laser.off()).map_err(in_words)?;
+    bench.run(laser.emit()).map_err(in_words)?;
+    drop(laser);
+    std::thread::sleep(Duration::from_millis(60));
+    if diode.is_on() { Err("nobody holds it any more, and it is on".to_owned()) } else { Ok(()) }
 }
 
 pub(super) fn lost(bench: &Bench) -> Result<(), String> {

@@ -1,6 +1,8 @@
 //! What holds for every instrument on a line.
 
-use std::time::Duration;
+use std::pin::pin;
+use std::task::{Context, Waker};
+use std::time::{Duration, Instant};
 
 use beampose_core::InstrumentError;
 
@@ -103,6 +105,47 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             works_again(bench, &asker)
         }
     }
+}
+
+/// A question is given up while its answer is under way, as the engine gives up a move to stop it.
+pub(super) fn given_up(bench: &Bench) -> Result<(), String> {
+    let Some(trouble) = bench.trouble() else { return Ok(()) };
+    let connected = bench.connect()?;
+    let asker = bench.asker_of(connected.clone())?;
+    if let Connected::Axis(axis) = &connected {
+        bench.run(axis.move_to(10.0)).map_err(|error| error.to_string())?;
+    }
+    trouble.next([Fault::Late(DEADLINE / 2)]);
+    if is_done_within(asker.ask(), DEADLINE / 4) {
+        return Err("the answer was to come later".to_owned());
+    }
+    match &connected {
+        Connected::Axis(axis) => {
+            bench.run(axis.stop()).map_err(|error| format!("stop: {error}"))?;
+            bench.run(axis.move_to(20.0)).map_err(|error| error.to_string())?;
+            near(20.0, bench.run(axis.position()).map_err(|error| error.to_string())?.value)
+        }
+        Connected::Sensor(sensor) => {
+            let probe = bench.probe.as_ref().ok_or("no probe")?;
+            let found = bench.run(sensor.read()).map_err(|error| error.to_string())?;
+            near(probe.value(probe.reads() - 1), found.value)
+        }
+        Connected::Laser(_) | Connected::Camera(_) => works_again(bench, &asker),
+    }
+}
+
+/// Follows it for so long, in real time, and gives it up.
+fn is_done_within(future: impl Future, time: Duration) -> bool {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    let end = Instant::now() + time;
+    while Instant::now() < end {
+        if future.as_mut().poll(&mut context).is_ready() {
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    false
 }
 
 fn expect_timeout(result: Result<f64, InstrumentError>) -> Result<(), String> {

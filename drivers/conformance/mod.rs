@@ -42,6 +42,11 @@ pub const CHECKS: &[Check] = &[
     Check { name: "half an answer is not taken for one", kinds: &[], run: line::half },
     Check { name: "what nobody asked for is passed over", kinds: &[], run: line::chatter },
     Check { name: "a late answer is not taken for a later one", kinds: &[], run: line::late },
+    Check {
+        name: "a question that is given up leaves nothing behind",
+        kinds: &[],
+        run: line::given_up,
+    },
     Check { name: "a cut line is made again", kinds: &[], run: line::cut },
     Check {
         name: "a pulled cable is named, and mended by plugging it in",
@@ -76,7 +81,24 @@ pub const CHECKS: &[Check] = &[
         kinds: LASERS,
         run: laser::interlock,
     },
+    Check {
+        name: "a contact that opens before light is refused and latched",
+        kinds: LASERS,
+        run: laser::interlock_meanwhile,
+    },
+    Check {
+        name: "a diode that is not at its temperature is refused",
+        kinds: LASERS,
+        run: laser::temperature,
+    },
     Check { name: "off that does not happen is found", kinds: LASERS, run: laser::stuck },
+    Check { name: "current that flows past off is found", kinds: LASERS, run: laser::leaking },
+    Check {
+        name: "on that nobody commanded is found and ended",
+        kinds: LASERS,
+        run: laser::uncommanded,
+    },
+    Check { name: "dropped or given up, it leaves no light", kinds: LASERS, run: laser::dropped },
     Check {
         name: "a lost line is unknown, and off when it is back",
         kinds: LASERS,

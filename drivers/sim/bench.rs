@@ -75,45 +75,70 @@ impl Stage for TestStage {
     }
 }
 
-/// A diode that lights two seconds after the current.
+/// A diode that lights three seconds after the current, or at once where it is struck.
 pub struct TestDiode {
     clock: Arc<dyn Clock>,
-    since: Mutex<Option<Duration>>,
+    /// When light comes, while it is on.
+    light: Mutex<Option<Duration>>,
+    temperature_degc: Mutex<f64>,
     /// Whether the safety contact is open.
     pub interlock_open: AtomicBool,
     /// Whether it goes on burning whatever is commanded: a fault to be found.
     pub stuck: AtomicBool,
+    /// Whether current flows past the switch: off, and it burns.
+    pub leaks: AtomicBool,
 }
 
 impl TestDiode {
-    /// A diode in the dark, its contact closed.
+    /// A diode in the dark at 25 degrees Celsius, its contact closed.
     #[must_use]
     pub fn new(clock: Arc<dyn Clock>) -> Self {
-        let (interlock_open, stuck) = (AtomicBool::new(false), AtomicBool::new(false));
-        Self { clock, since: Mutex::new(None), interlock_open, stuck }
+        Self {
+            clock,
+            light: Mutex::new(None),
+            temperature_degc: Mutex::new(25.0),
+            interlock_open: AtomicBool::new(false),
+            stuck: AtomicBool::new(false),
+            leaks: AtomicBool::new(false),
+        }
+    }
+
+    /// Has this temperature from now on, in degrees Celsius.
+    pub fn warm_to(&self, degc: f64) {
+        *self.temperature_degc.lock().unwrap_or_else(PoisonError::into_inner) = degc;
+    }
+
+    fn light(&self) -> MutexGuard<'_, Option<Duration>> {
+        self.light.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn on_after(&self, delay: Duration) {
+        let light = self.clock.now().monotonic + delay;
+        self.light().get_or_insert(light);
     }
 }
 
 impl Diode for TestDiode {
     fn switch(&self, on: bool) {
-        if self.stuck.load(Ordering::SeqCst) {
-            return;
+        if on {
+            self.on_after(self.delay());
+        } else if !self.stuck.load(Ordering::SeqCst) {
+            *self.light() = None;
         }
-        let mut since = self.since.lock().unwrap_or_else(PoisonError::into_inner);
-        *since = match (on, *since) {
-            (true, None) => Some(self.clock.now().monotonic),
-            (true, since) => since,
-            (false, _) => None,
-        };
+    }
+
+    fn strike(&self) {
+        self.on_after(Duration::ZERO);
     }
 
     fn is_on(&self) -> bool {
-        self.since.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+        self.light().is_some()
     }
 
     fn emits(&self) -> bool {
-        let since = *self.since.lock().unwrap_or_else(PoisonError::into_inner);
-        since.is_some_and(|since| self.clock.now().monotonic >= since + self.delay())
+        let light = *self.light();
+        light.is_some_and(|light| self.clock.now().monotonic >= light)
+            || self.leaks.load(Ordering::SeqCst)
     }
 
     fn delay(&self) -> Duration {
@@ -125,7 +150,7 @@ impl Diode for TestDiode {
     }
 
     fn temperature_degc(&self) -> f64 {
-        25.0
+        *self.temperature_degc.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -55,25 +55,36 @@ impl Shared {
             if self.has_ended() || self.trouble.cuts() != cuts {
                 return Ok(());
             }
-            let (out, chatter) = match port.read_within(&mut bytes, TICK)? {
-                Came::Nothing => (self.device().says(), Vec::new()),
+            let (out, chatter, fault) = match port.read_within(&mut bytes, TICK)? {
+                Came::Nothing => (self.device().says(), Vec::new(), None),
                 Came::End => return Ok(()),
                 Came::Bytes(count) => {
                     pending.extend_from_slice(&bytes[..count]);
+                    let fault = self.trouble.take();
                     let mut device = self.device();
+                    match fault {
+                        Some(Fault::Cut) => return Ok(()),
+                        Some(Fault::Refused) => drop(device.refuse_next()),
+                        _ => {}
+                    }
                     let out = device.receive(&mut pending);
-                    (out, device.chatter())
+                    (out, device.chatter(), fault)
                 }
             };
             if out.is_empty() {
+                // A command without an answer: the fault is the next answer's.
+                fault
+                    .filter(|it| *it != Fault::Refused)
+                    .into_iter()
+                    .for_each(|it| self.trouble.keep(it));
                 continue;
             }
             // Pulled while the device was at work.
             if self.trouble.cuts() != cuts {
                 return Ok(());
             }
-            match self.trouble.take() {
-                None => port.write_all(&out)?,
+            match fault {
+                None | Some(Fault::Refused | Fault::Cut) => port.write_all(&out)?,
                 Some(Fault::Silent) => {}
                 Some(Fault::Late(by)) => {
                     std::thread::sleep(by);

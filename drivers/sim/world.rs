@@ -25,9 +25,15 @@ pub trait Stage: Send + Sync {
 pub trait Diode: Send + Sync {
     /// Current on or off. The light may come later.
     fn switch(&self, on: bool);
+    /// Current on and light at once, for controllers that have no delay of their own. A diode that
+    /// knows no difference lights after its delay.
+    fn strike(&self) {
+        self.switch(true);
+    }
     /// Whether the current is switched on.
     fn is_on(&self) -> bool;
-    /// Whether light comes out: on, and the delay is over.
+    /// Whether light comes out: on, and the delay is over. Light of a diode that is not on is a
+    /// fault to be found: current flows past the switch.
     fn emits(&self) -> bool;
     /// From on to light.
     fn delay(&self) -> Duration;

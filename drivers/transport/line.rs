@@ -33,10 +33,12 @@ impl Line {
     pub async fn talk<'a>(&'a self, seen: &'a AtomicU64) -> Result<Talk<'a>, InstrumentError> {
         let turn = self.turn.lock().await;
         let opened = self.transport.open(self.deadline.max(CONNECT)).await?;
-        if self.owed.swap(false, Ordering::SeqCst) {
+        if self.owed.load(Ordering::SeqCst) {
             self.transport.discard(self.deadline * 2).await?;
+            // Not before: whoever waits here may be given up as well.
+            self.owed.store(false, Ordering::SeqCst);
         }
-        Ok(Talk { line: self, opened, seen, _turn: turn })
+        Ok(Talk { line: self, opened, seen, midway: false, _turn: turn })
     }
 
     fn noted<T>(&self, received: Result<T, InstrumentError>) -> Result<T, InstrumentError> {
@@ -60,7 +62,19 @@ pub struct Talk<'a> {
     line: &'a Line,
     opened: u64,
     seen: &'a AtomicU64,
+    /// Something was begun that has not ended.
+    midway: bool,
     _turn: MutexGuard<'a, ()>,
+}
+
+impl Drop for Talk<'_> {
+    /// A call that is given up midway, as a move is where somebody stops it, leaves an answer behind
+    /// that nobody waits for, or half of one.
+    fn drop(&mut self) {
+        if self.midway {
+            self.is_lost();
+        }
+    }
 }
 
 impl Talk<'_> {
@@ -80,7 +94,10 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::send`].
     pub async fn send(&mut self, bytes: &[u8]) -> Result<(), InstrumentError> {
-        self.line.transport.send(bytes, self.line.deadline).await
+        self.midway = true;
+        let sent = self.line.transport.send(bytes, self.line.deadline).await;
+        self.midway = false;
+        sent
     }
 
     /// Receives up to a terminator.
@@ -88,7 +105,9 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::receive_until`].
     pub async fn until(&mut self, terminator: u8) -> Result<Vec<u8>, InstrumentError> {
+        self.midway = true;
         let received = self.line.transport.receive_until(terminator, self.line.deadline).await;
+        self.midway = false;
         self.line.noted(received)
     }
 
@@ -97,7 +116,9 @@ impl Talk<'_> {
     /// # Errors
     /// As [`Transport::receive_exactly`].
     pub async fn exactly(&mut self, count: usize) -> Result<Vec<u8>, InstrumentError> {
+        self.midway = true;
         let received = self.line.transport.receive_exactly(count, self.line.deadline).await;
+        self.midway = false;
         self.line.noted(received)
     }
 

@@ -2,7 +2,7 @@
 //! and X-RSW rotation stages, alone or several in a chain.
 //!
 //! Sources: Zaber's ASCII Protocol Manual, and the behaviour of two clients (`zaber-motion`,
-//! `zproto`) that talk to [`sim`]. What no peer could check: stall and limit physics, replies in
+//! `zproto`) that talk to [`ZaberChain`]. What no peer could check: stall and limit physics, replies in
 //! several packets of firmware 7.26 and later.
 
 mod driver;

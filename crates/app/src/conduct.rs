@@ -29,8 +29,8 @@ use crate::rig_lock::RigLock;
 use crate::session_lock::SessionLock;
 use crate::session_report::{Analysed, input, load, method_of, prepare, write};
 use crate::truth;
-use crate::wiring::Laboratory;
 use crate::wiring::person::WithPerson;
+use crate::wiring::{Laboratory, Recorder};
 
 /// A session about to run.
 pub struct Session {
@@ -81,9 +81,24 @@ pub struct Shown {
     /// input: `event` (paused, asked, laser_unknown, ended), `session`, and what belongs to it
     #[arg(long, value_name = "COMMAND", env = "BEAMPOSE_NOTIFY")]
     pub notify: Option<String>,
+    /// Keep what goes over the lines to instruments, byte for byte, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    pub record_wire: Option<PathBuf>,
 }
 
 impl Shown {
+    /// Who keeps what goes over lines, if that is wanted.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn recorder(&self) -> Result<Option<Arc<Recorder>>, Ended> {
+        let Some(path) = &self.record_wire else { return Ok(None) };
+        let recorder = Recorder::create(path);
+        recorder
+            .map(|it| Some(Arc::new(it)))
+            .map_err(|error| Ended::input(format!("--record-wire {}: {error}", path.display())))
+    }
+
     /// The answers of the file, if there is one.
     ///
     /// # Errors
@@ -127,7 +142,8 @@ impl Session {
         let folder = shown.folder(self.header.id)?;
         prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let session = self.header.id;
-        let rig_lock = RigLock::take(&self.checked.rig, session).map_err(Ended::input)?;
+        let purpose = format!("session {session}");
+        let rig_lock = RigLock::take(&self.checked.rig, &purpose).map_err(Ended::input)?;
         let plan = &self.checked.plan;
         let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
         let progress = Progress::new(&self.checked.summary, !shown.quiet && !shown.json);

@@ -7,6 +7,7 @@ mod filter;
 mod import;
 pub mod report;
 mod resume;
+mod rig;
 mod run;
 mod score;
 pub mod sessions;
@@ -74,6 +75,8 @@ enum Command {
     Score(score::Score),
     Calibrate(calibrate::Calibrate),
     Targets(targets::Targets),
+    Rig(rig::Rig),
+    SimInstruments(rig::simulate::SimInstruments),
 }
 
 /// Which database.
@@ -178,6 +181,8 @@ pub fn main() -> ExitCode {
         Command::Solve(solve) => with_runtime(solve.execute()),
         Command::Report(report) => with_runtime(report.execute()),
         Command::Score(score) => with_runtime(score.execute()),
+        Command::Rig(rig) => with_runtime(rig.execute()),
+        Command::SimInstruments(simulators) => with_runtime(simulators.execute()),
     };
     match ended {
         Ok(Exit::Success) if lost() => Exit::Failed.into(),

@@ -42,7 +42,13 @@ impl Run {
         for warning in &checked.summary.warnings {
             complain(&warning.to_string());
         }
-        let laboratory = wiring::laboratory(&checked, &Before::default()).map_err(Ended::input)?;
+        let laboratory = wiring::laboratory(
+            &checked.rig,
+            &checked.rig_folder,
+            &Before::default(),
+            self.shown.recorder()?,
+        )
+        .map_err(Ended::input)?;
         let answers = self.shown.read_answers()?;
         self.shown.refuse_a_file()?;
         let store = self.database.open().await?;

@@ -101,8 +101,9 @@ fn virtual_time_needs_simulation(
     instruments: &Instruments,
     reader: &mut Reader,
 ) {
-    let is_real =
-        |at: &At<Instrument>| !at.value.is_simulated() && !at.value.driver().value.is_empty();
+    let is_real = |at: &At<Instrument>| {
+        !at.value.is_of_simulated_world() && !at.value.driver().value.is_empty()
+    };
     let real = instruments.iter().find(|(_, at)| is_real(at));
     if let (ClockKind::Virtual, Some((name, _))) = (clock.value, real) {
         let message = format!("virtual time, but `{name}` is not simulated");
@@ -167,7 +168,7 @@ fn tie_targets(
 
 fn simulation_if_needed(file: &RigFile, reader: &mut Reader) {
     let Some(instruments) = &file.instruments.0 else { return };
-    let simulated = instruments.value.iter().find(|(_, at)| at.value.is_simulated());
+    let simulated = instruments.value.iter().find(|(_, at)| at.value.is_of_simulated_world());
     match (simulated, &file.simulation) {
         (Some((name, _)), Maybe::Absent) => {
             reader.fault(
@@ -185,8 +186,9 @@ fn simulation_if_needed(file: &RigFile, reader: &mut Reader) {
 
 fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &mut Reader) {
     carrying_axis(&simulation.module, instruments, reader);
-    let is_camera =
-        |at: &At<Instrument>| matches!(at.value, Instrument::Camera(_)) && at.value.is_simulated();
+    let is_camera = |at: &At<Instrument>| {
+        matches!(at.value, Instrument::Camera(_)) && at.value.is_of_simulated_world()
+    };
     for (name, instrument) in instruments.iter().filter(|(_, at)| is_camera(at)) {
         // Without any, the whole key is missing or empty, which is noted already.
         if !simulation.cameras.is_empty() && !simulation.cameras.contains_key(name) {

@@ -64,6 +64,12 @@ pub enum FaultKind {
     ClockJump,
 }
 
+impl FaultKind {
+    /// What a line does, whatever is at its end.
+    pub const LINE: [Self; 5] =
+        [Self::NoAnswer, Self::LateAnswer, Self::Garbled, Self::Disconnect, Self::Refused];
+}
+
 /// One fault, and when it comes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
@@ -115,6 +121,13 @@ impl Faults {
         Arc::new(Self { faults, streams: Streams::new(seed), clock, step })
     }
 
+    /// What a line does now to what is asked of an instrument over it: for a simulator of its bytes,
+    /// which does it itself. Of the kinds of [`FaultKind::LINE`].
+    #[must_use]
+    pub fn on_the_line(&self, instrument: &str) -> Option<FaultKind> {
+        self.strikes(instrument, &FaultKind::LINE)
+    }
+
     /// What goes wrong with an instrument now, of these kinds; it then counts as having come.
     fn strikes(&self, instrument: &str, kinds: &[FaultKind]) -> Option<FaultKind> {
         let all = self.faults.iter().enumerate();
@@ -152,7 +165,7 @@ impl Faults {
     /// What a line does to whatever is asked over it.
     async fn line(&self, instrument: &str) -> Result<(), InstrumentError> {
         use FaultKind::{Disconnect, Garbled, LateAnswer, NoAnswer, Refused};
-        match self.strikes(instrument, &[NoAnswer, LateAnswer, Garbled, Disconnect, Refused]) {
+        match self.strikes(instrument, &FaultKind::LINE) {
             Some(NoAnswer) => std::future::pending().await,
             Some(LateAnswer) => {
                 self.clock.sleep(LATE).await;

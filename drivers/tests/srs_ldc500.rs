@@ -1,0 +1,163 @@
+//! The LDC501 that we simulate: what a real client said to one, its traps, and laser and sensor on
+//! one line.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use beampose_core::{Clock, Emission, Quantity, VirtualClock};
+use beampose_drivers::sim::{Device, Diode, Host, Part, Simulated, TestDiode, TestProbe};
+use beampose_drivers::transport::{Line, Wire};
+use beampose_drivers::{Connected, Driver, Options, Role, Setting, Simulator, find};
+
+const LASER: Role = Role::Laser { current_ma: Some(60.0), emission_delay: Duration::from_secs(3) };
+const SENSOR: Role = Role::Sensor { quantity: Quantity::Temperature, u: Some(0.05) };
+
+fn options(driver: &'static Driver) -> Options {
+    let written = [("limit_current".to_owned(), "120".to_owned())];
+    let written = BTreeMap::from(written).into_iter().filter(|_| driver.kind == "laser").collect();
+    Options::read(driver.options, &written).unwrap()
+}
+
+struct Lab {
+    clock: VirtualClock,
+    diode: Arc<TestDiode>,
+    probe: Arc<TestProbe>,
+}
+
+impl Lab {
+    fn new() -> Self {
+        let clock = VirtualClock::starting_at(jiff::Timestamp::UNIX_EPOCH);
+        let diode = Arc::new(TestDiode::new(Arc::new(clock.clone())));
+        Self { clock, diode, probe: Arc::new(TestProbe::new(25.1, 0.0)) }
+    }
+
+    fn device(&self) -> Box<dyn Device> {
+        let driver = find("laser", "srs-ldc500").unwrap();
+        let simulated = |name: &str, kind: &str, role: Role, part: Part| Simulated {
+            name: name.to_owned(),
+            options: options(find(kind, "srs-ldc500").unwrap()),
+            role,
+            part,
+            clock: Arc::new(self.clock.clone()),
+        };
+        let Simulator::Device(make) = driver.simulator else { unreachable!("a line of bytes") };
+        make(&[
+            simulated("laser", "laser", LASER, Part::Diode(self.diode.clone())),
+            simulated("diode", "sensor", SENSOR, Part::Probe(self.probe.clone())),
+        ])
+        .unwrap()
+    }
+
+    fn wait(&self, ms: u64) {
+        let sleep = self.clock.sleep(Duration::from_millis(ms));
+        futures::executor::block_on(self.clock.drive(Box::pin(sleep)));
+    }
+}
+
+fn ask(device: &mut dyn Device, text: &str) -> String {
+    String::from_utf8(device.receive(&mut text.as_bytes().to_vec())).unwrap()
+}
+
+/// Every answer is that of the recording.
+#[test]
+fn a_recorded_conversation_with_pymeasure_goes_the_same_way() {
+    let lab = Lab::new();
+    let mut device = lab.device();
+    let (mut last, mut answers) = (String::new(), 0);
+    for line in include_str!("wire/srs_ldc501_pymeasure_0.16.log").lines() {
+        if let Some(sent) = line.strip_prefix("RX b'") {
+            assert_eq!(last, "", "an answer that the recording has not, before {sent}");
+            last = ask(device.as_mut(), &format!("{}\n", sent.trim_end_matches('\'')));
+            lab.wait(15);
+        } else if let Some(answered) = line.strip_prefix("TX '") {
+            assert_eq!(last.trim_end(), answered.trim_end_matches('\''));
+            last.clear();
+            answers += 1;
+        }
+    }
+    assert_eq!(answers, 7);
+}
+
+#[test]
+fn the_simulator_keeps_the_traps_of_the_manual() {
+    let lab = Lab::new();
+    let mut device = lab.device();
+    let device = device.as_mut();
+    // A lower limit drags the set point, and nothing says so.
+    assert_eq!(ask(device, "SILD 80;SILM 50;SILD?\r"), "50.000\n");
+    assert_eq!(ask(device, "LEXE?\n"), "0\n");
+    // An error is not there at once; reading it clears it.
+    assert_eq!(ask(device, "SILD 80\nLEXE?\n"), "0\n");
+    lab.wait(20);
+    assert_eq!(ask(device, "LEXE?;LEXE?\n"), "1\n0\n");
+    assert_eq!(ask(device, "RILD 1;NONE?\n"), "");
+    lab.wait(20);
+    assert_eq!(ask(device, "LCME?\n"), "2\n");
+    assert_eq!(ask(device, "ILOC\n"), "");
+    lab.wait(20);
+    assert_eq!(ask(device, "LCME?\n"), "4\n");
+    // More than 64 bytes are thrown away together.
+    let long = format!("SILD 40;{}", "SILD 40;".repeat(7));
+    assert_eq!(ask(device, &format!("{long}SILD 41\nSILD?\n")), "50.000\n");
+    // Form of answers.
+    assert_eq!(ask(device, "TERM CRLF;TOKN OFF;ILOC?;LDON?;TERM?\n"), "1\r\n0\r\n3\r\n");
+    assert_eq!(ask(device, "TERM NONE;TOKN 1;ILOC?;TOKN?\n"), "CLOSEDON");
+    device.reboot();
+    assert_eq!(ask(device, "LDON?;TEON?;TERM 2\n"), "OFFOFF");
+    // Half a command waits for its end.
+    let mut pending = b"SIL".to_vec();
+    assert!(device.receive(&mut pending).is_empty());
+    pending.extend(b"D?\n");
+    assert_eq!(device.receive(&mut pending), b"50.000\n");
+}
+
+#[test]
+fn laser_and_sensor_share_a_line_and_leave_each_other_alone() {
+    let lab = Lab::new();
+    let host = Host::tcp(lab.device(), "127.0.0.1:0".parse().unwrap()).unwrap();
+    let clock: Arc<dyn Clock> = Arc::new(lab.clock.clone());
+    let deadline = Duration::from_millis(500);
+    let driver = find("laser", "srs-ldc500").unwrap();
+    let wire =
+        Wire::new("line", host.address().clone(), driver.port.unwrap(), Arc::clone(&clock), None);
+    let line = Arc::new(Line::new(Arc::new(wire), deadline));
+    let scratch = tempfile::tempdir().unwrap();
+    let connect = |kind: &str, role: Role| {
+        let driver = find(kind, "srs-ldc500").unwrap();
+        (driver.connect)(Setting {
+            name: kind.to_owned(),
+            address: host.address().clone(),
+            line: Some(Arc::clone(&line)),
+            clock: Arc::clone(&clock),
+            options: options(driver),
+            role,
+            deadline,
+            simulated: true,
+            scratch: scratch.path().to_owned(),
+        })
+        .unwrap()
+    };
+    let (Connected::Laser(laser), Connected::Sensor(sensor)) =
+        (connect("laser", LASER), connect("sensor", SENSOR))
+    else {
+        unreachable!("a laser and a sensor")
+    };
+    let run = async {
+        laser.emit().await.unwrap();
+        // The sensor's first word on this line: the light stays.
+        let reading = sensor.read().await.unwrap();
+        assert_eq!((reading.value, reading.standard_uncertainty), (25.1, Some(0.05)));
+        assert_eq!(laser.emission().await, Emission::On);
+        assert!(lab.diode.emits());
+        // Somebody pulled the cable, and the sensor was the first to notice.
+        host.trouble().cut();
+        std::thread::sleep(Duration::from_millis(60));
+        let _ = sensor.read().await;
+        sensor.read().await.unwrap();
+        assert_eq!(laser.emission().await, Emission::Off);
+        assert!(!lab.diode.is_on());
+    };
+    futures::executor::block_on(lab.clock.drive(Box::pin(run)));
+}
