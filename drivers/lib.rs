@@ -20,6 +20,7 @@ pub mod sim;
 pub mod srs_ldc500;
 pub mod thorlabs_apt;
 pub mod transport;
+pub mod webcam;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
@@ -29,6 +30,7 @@ pub use registry::{Connected, Driver, Role, Setting, Simulator};
 pub const REGISTRY: &[Driver] = &[
     folder_camera::CAMERA,
     gphoto2::CAMERA,
+    webcam::CAMERA,
     newport_smc::RAIL,
     newport_smc::ROTATION,
     thorlabs_apt::RAIL,
