@@ -26,6 +26,7 @@ pub mod srs_ldc500;
 pub mod sylvac;
 pub mod thorlabs_apt;
 pub mod transport;
+pub mod webcam;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
@@ -48,6 +49,7 @@ pub const REGISTRY: &[Driver] = &[
     sylvac::READOUT,
     thorlabs_apt::RAIL,
     thorlabs_apt::ROTATION,
+    webcam::CAMERA,
     zaber::RAIL,
     zaber::ROTATION,
 ];

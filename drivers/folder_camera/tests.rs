@@ -70,12 +70,12 @@ impl Watched {
 #[test]
 fn a_picture_that_comes_after_the_trigger_is_its_own() {
     let it = Watched::new(&[]);
-    let come = it.drop_after(700, "IMG_0002.JPG", OWN);
+    let come = it.drop_after(710, "IMG_0002.JPG", OWN);
     let (frame, ()) = it.run(join(it.camera.trigger(), come));
     let frame = frame.unwrap();
     assert_eq!(frame.bytes, OWN);
-    // One look finds it, the next finds it unchanged.
-    assert_eq!(frame.delivered.monotonic, Duration::from_millis(720));
+    // Dropped between two looks: one finds it, the next finds it unchanged.
+    assert_eq!(frame.delivered.monotonic, Duration::from_millis(740));
     assert!(it.has("IMG_0002.JPG"));
 }
 
@@ -140,9 +140,9 @@ fn a_late_picture_ahead_of_the_next_is_passed_over() {
     assert_eq!(frame.unwrap().bytes, OWN);
     // All is known again: no more waiting for others.
     let since = it.clock.now().monotonic;
-    let come = it.drop_after(100, "IMG_0004.JPG", OWN);
+    let come = it.drop_after(110, "IMG_0004.JPG", OWN);
     let (frame, ()) = it.run(join(it.camera.trigger(), come));
-    assert_eq!(frame.unwrap().delivered.monotonic - since, Duration::from_millis(120));
+    assert_eq!(frame.unwrap().delivered.monotonic - since, Duration::from_millis(140));
 }
 
 #[test]
@@ -162,7 +162,7 @@ fn a_trigger_that_was_given_up_counts_as_missing() {
 fn two_pictures_for_one_release_are_refused() {
     let it = Watched::new(&[]);
     let come = async {
-        it.drop_after(100, "IMG_0002.JPG", LATE).await;
+        it.drop_after(110, "IMG_0002.JPG", LATE).await;
         it.drop("IMG_0003.JPG", OWN);
     };
     let (frame, ()) = it.run(join(it.camera.trigger(), come));
