@@ -13,16 +13,16 @@ use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
 use beampose_core::{
-    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, VirtualClock,
+    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, UsedFile, VirtualClock,
 };
 use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
-use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
+use beampose_plan::{Action, At, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
-    BeamConfig, CameraConfig, DiodeConfig, HopAt, ModeHop, ModuleConfig, PictureConfig,
-    PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig,
-    TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
+    BeamConfig, CameraConfig, DiodeConfig, HopAt, MirrorConfig, ModeHop, ModuleConfig,
+    PictureConfig, PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig,
+    StageConfig, TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::faults::Faults;
 use beampose_virtual_lab::{
@@ -98,6 +98,8 @@ pub struct Laboratory {
     pub world: Option<Arc<World>>,
     /// What solving is told: calibrations at the size that pictures have.
     pub setup: Setup,
+    /// The files that it was read from.
+    pub files: Vec<UsedFile>,
     /// What goes wrong on demand.
     pub faults: Option<Arc<Faults>>,
 }
@@ -198,7 +200,7 @@ fn stage_of<'a>(
 pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, String> {
     let (rig, folder) = (&checked.rig, &checked.rig_folder);
     // Calibrations at full picture size.
-    let setup = calibration::setup(rig, folder)?;
+    let calibration::MeasuredWith { setup, files } = calibration::setup(rig, folder)?;
     let fan = calibration::simulated_fan(rig, folder)?;
     let unknown = rig.unknown_drivers(beampose_drivers::known);
     if !unknown.is_empty() {
@@ -229,7 +231,7 @@ pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, Stri
     if let Some(faults) = &faults {
         bench = faults::faulty(bench, faults);
     }
-    Ok(Laboratory { bench, clock, world, setup, faults })
+    Ok(Laboratory { bench, clock, world, setup, files, faults })
 }
 
 fn bench(rig: &Rig, world: Option<&Arc<World>>, clock: &Arc<dyn Clock>) -> Result<Bench, String> {
@@ -332,6 +334,7 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
                 half_size_mm: None,
             })
             .collect(),
+        mirrors: simulation.mirrors.iter().flatten().map(mirror).collect(),
         targets: targets(simulation, setup),
         artefact_scale_relative_u: setup.artefact.scale_relative_u,
         cameras: cameras(rig, simulation, setup)?,
@@ -448,6 +451,14 @@ fn mode_hop(hop: &rig::simulation::ModeHop) -> ModeHop {
         rig::simulation::HopAt::Temperature(temperature) => HopAt::DiodeDegc(temperature.0),
     };
     ModeHop { at, by_nm: hop.by.0 }
+}
+
+fn mirror(mirror: &At<rig::simulation::Mirror>) -> MirrorConfig {
+    MirrorConfig {
+        point_mm: mirror.value.point.map(|x| x.0),
+        normal: mirror.value.normal.value,
+        half_size_mm: mirror.value.half_size.map(|x| x.0),
+    }
 }
 
 /// Grey levels at full scale.
