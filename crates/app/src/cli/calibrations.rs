@@ -209,7 +209,8 @@ fn in_words(found: &Calibration) -> Result<String, serde_json::Error> {
     let parameters: Vec<Value> = serde_json::from_str(&found.parameters_json)?;
     for parameter in &parameters {
         let name = parameter["name"].as_str().unwrap_or_default();
-        lines.push(format!("  {name:<12} {}  u {}", parameter["value"], parameter["u"]));
+        let number = |key: &str| parameter[key].as_f64().unwrap_or(f64::NAN);
+        lines.push(format!("  {name:<12} {:e}  u {:.1e}", number("value"), number("u")));
     }
     lines.extend(origin(head).made_from.iter().map(made_from));
     Ok(lines.join("\n"))
