@@ -210,10 +210,19 @@ fn in_words(found: &Calibration) -> Result<String, serde_json::Error> {
     for parameter in &parameters {
         let name = parameter["name"].as_str().unwrap_or_default();
         let number = |key: &str| parameter[key].as_f64().unwrap_or(f64::NAN);
-        lines.push(format!("  {name:<12} {:e}  u {:.1e}", number("value"), number("u")));
+        lines.push(format!("  {name:<12} {}", with_u(number("value"), number("u"))));
     }
     lines.extend(origin(head).made_from.iter().map(made_from));
     Ok(lines.join("\n"))
+}
+
+/// A number to two digits of its uncertainty; very small ones as powers of ten.
+fn with_u(value: f64, u: f64) -> String {
+    if value != 0.0 && u < 1e-8 {
+        return format!("{value:.4e}  u {u:.1e}");
+    }
+    let places = (1.0 - u.log10().floor()).clamp(0.0, 12.0) as usize;
+    format!("{value:.places$}  u {u:.places$}")
 }
 
 fn made_from(source: &SourceOrigin) -> String {
