@@ -33,7 +33,7 @@ pub use driver::Webcam;
 use beampose_core::InstrumentError;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Connected, Driver, Setting, Simulator};
+use crate::registry::{Connected, Driver, Moved, Setting, Simulator};
 
 /// A camera of V4L2.
 pub const CAMERA: Driver = Driver {
