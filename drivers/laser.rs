@@ -1,7 +1,7 @@
 //! The rules for lasers, in one place, for every driver of one.
 //!
 //! A family implements [`LaserDevice`], single commands and readings; [`GuardedLaser`] makes a
-//! [`Laser`] of it and obeys the rules.
+//! [`beampose_core::Laser`] of it and obeys the rules.
 //! - Off and zero when connected, when connected again, and when dropped, be it in the middle of
 //!   switching on.
 //! - Arming is apart from emitting, and holds for one emission. All that must hold is read again

@@ -9,36 +9,47 @@
 
 pub mod arroyo;
 mod aside;
+pub mod bristol;
 pub mod conformance;
 pub mod folder_camera;
+pub mod generic;
 pub mod gphoto2;
+pub mod heidenhain_nd287;
+pub mod lake_shore;
 pub mod laser;
 pub mod newport_smc;
 mod options;
+mod readout;
 mod registry;
 pub mod sim;
 pub mod srs_ldc500;
+pub mod sylvac;
 pub mod thorlabs_apt;
 pub mod transport;
 pub mod webcam;
 pub mod zaber;
 
 pub use options::{OptionSpec, Options, Value};
-pub use registry::{Connected, Driver, Role, Setting, Simulator};
+pub use registry::{Connected, Driver, Make, Moved, Role, Setting, Simulator};
 
 /// Every driver that this program has.
 pub const REGISTRY: &[Driver] = &[
-    folder_camera::CAMERA,
-    gphoto2::CAMERA,
-    webcam::CAMERA,
-    newport_smc::RAIL,
-    newport_smc::ROTATION,
-    thorlabs_apt::RAIL,
-    thorlabs_apt::ROTATION,
     arroyo::LASER,
     arroyo::TEMPERATURE,
+    bristol::WAVEMETER,
+    folder_camera::CAMERA,
+    generic::READER,
+    gphoto2::CAMERA,
+    heidenhain_nd287::DISPLAY,
+    lake_shore::THERMOMETER,
+    newport_smc::RAIL,
+    newport_smc::ROTATION,
     srs_ldc500::LASER,
     srs_ldc500::TEMPERATURE,
+    sylvac::READOUT,
+    thorlabs_apt::RAIL,
+    thorlabs_apt::ROTATION,
+    webcam::CAMERA,
     zaber::RAIL,
     zaber::ROTATION,
 ];

@@ -9,7 +9,7 @@ use beampose_core::{Axis, Camera, Clock, InstrumentError, Laser, Quantity, Senso
 
 use crate::options::{OptionSpec, Options};
 use crate::sim::{Device, Hosted, Simulated};
-use crate::transport::{Address, Line, PortSettings};
+use crate::transport::{Address, FlowControl, Line, Parity, PortSettings};
 
 /// A driver: which kind of instrument it is for, and how one is made.
 #[derive(Debug, Clone, Copy)]
@@ -22,9 +22,12 @@ pub struct Driver {
     pub instruments: &'static str,
     /// Who has verified it and how far: a peer, or "written from the manual, never met a device".
     pub verified: &'static str,
+    /// Whether an axis moves by itself. Of no account for other kinds.
+    pub moved: Moved,
     /// What it reads, where it is the driver of a sensor that reads one thing only.
     pub reads: Option<Quantity>,
-    /// How its line is set where the address says nothing; `None` where there is no line of bytes.
+    /// How its line is set where neither address nor options say anything; `None` where there is no
+    /// line of bytes. [`Driver::port_settings`] is how it is set then.
     pub port: Option<PortSettings>,
     /// What may stand under `options` in the rig file.
     pub options: &'static [OptionSpec],
@@ -34,13 +37,70 @@ pub struct Driver {
     pub simulator: Simulator,
 }
 
+impl Driver {
+    /// How an instrument's line is set: [`Driver::port`], and where the driver has options of those
+    /// names, what they say of `baud`, `data_bits`, `parity`, `stop_bits` and `flow`.
+    ///
+    /// # Errors
+    /// [`InstrumentError::Refused`] with the option that says what no port has.
+    pub fn port_settings(
+        &self,
+        options: &Options,
+    ) -> Result<Option<PortSettings>, InstrumentError> {
+        let Some(mut port) = self.port else { return Ok(None) };
+        let has = |name: &str| self.options.iter().any(|spec| spec.name == name);
+        if has("baud") {
+            port.baud = options.whole("baud", 50, 4_000_000)?;
+        }
+        if has("data_bits") {
+            port.data_bits = if options.whole("data_bits", 7, 8)? == 7 { 7 } else { 8 };
+        }
+        if has("stop_bits") {
+            port.stop_bits = if options.whole("stop_bits", 1, 2)? == 2 { 2 } else { 1 };
+        }
+        let wrong = |name: &str, words: &str, found: &str| {
+            let why = format!("option {name} must be {words}, found {found:?}");
+            Err(InstrumentError::Refused(why))
+        };
+        if has("parity") {
+            port.parity = match options.text("parity")? {
+                "none" => Parity::None,
+                "odd" => Parity::Odd,
+                "even" => Parity::Even,
+                other => return wrong("parity", "none, odd or even", other),
+            };
+        }
+        if has("flow") {
+            port.flow = match options.text("flow")? {
+                "none" => FlowControl::None,
+                "software" => FlowControl::Software,
+                "hardware" => FlowControl::Hardware,
+                other => return wrong("flow", "none, software or hardware", other),
+            };
+        }
+        Ok(Some(port))
+    }
+}
+
+/// How an axis moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Moved {
+    /// By its motor, as told.
+    ByMotor,
+    /// By a person: the driver only reads where it stands.
+    ByHand,
+}
+
+/// Makes a simulator of the instruments at one address, or says why it cannot.
+pub type Make<T> = fn(&[Simulated]) -> Result<Box<T>, String>;
+
 /// How a driver's simulator is made: of all the rig's instruments at one address.
 #[derive(Debug, Clone, Copy)]
 pub enum Simulator {
     /// A device on one line of bytes; [`crate::sim::Host`] gives it a pty or a TCP port.
-    Device(fn(&[Simulated]) -> Result<Box<dyn Device>, String>),
+    Device(Make<dyn Device>),
     /// Something that brings its own sockets or files.
-    Hosted(fn(&[Simulated]) -> Result<Box<dyn Hosted>, String>),
+    Hosted(Make<dyn Hosted>),
 }
 
 /// What a driver is told of its instrument.

@@ -22,7 +22,7 @@ pub use sim::ComboSource;
 use beampose_core::Quantity;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
 const INSTRUMENTS: &str = "Arroyo Instruments 4300 and 6300 series";
@@ -36,6 +36,7 @@ pub const LASER: Driver = Driver {
     name: "arroyo",
     instruments: INSTRUMENTS,
     verified: VERIFIED,
+    moved: Moved::ByMotor,
     reads: None,
     port: Some(PORT),
     options: &[
@@ -69,6 +70,7 @@ pub const TEMPERATURE: Driver = Driver {
     name: "arroyo",
     instruments: INSTRUMENTS,
     verified: VERIFIED,
+    moved: Moved::ByMotor,
     reads: Some(Quantity::Temperature),
     port: Some(PORT),
     options: &[],

@@ -7,14 +7,14 @@ use futures::future::join;
 
 use super::bench::{Bench, role};
 use super::line::near;
-use crate::registry::Role;
+use crate::registry::{Moved, Role};
 use crate::sim::Stage;
 
 pub(super) fn moves(bench: &Bench) -> Result<(), String> {
     let axis = bench.axis()?;
     let stage = bench.stage.as_ref().ok_or("no stage")?;
     for target in [12.5, 80.0, 3.25, 0.0] {
-        bench.run(axis.move_to(target)).map_err(|error| format!("to {target}: {error}"))?;
+        bench.bring(&axis, target)?;
         near(target, stage.encoder()).map_err(|why| format!("where it stands: {why}"))?;
         let read = bench.run(axis.position()).map_err(|error| error.to_string())?;
         near(target, read.value)?;
@@ -34,7 +34,7 @@ pub(super) fn unit(bench: &Bench) -> Result<(), String> {
 pub(super) fn limits(bench: &Bench) -> Result<(), String> {
     let axis = bench.axis()?;
     let stage = bench.stage.as_ref().ok_or("no stage")?;
-    bench.run(axis.move_to(5.0)).map_err(|error| error.to_string())?;
+    bench.bring(&axis, 5.0)?;
     for target in [-1000.0, 1000.0, f64::NAN] {
         match bench.run(axis.move_to(target)) {
             Err(InstrumentError::Refused(_)) => near(5.0, stage.encoder())?,
@@ -44,7 +44,31 @@ pub(super) fn limits(bench: &Bench) -> Result<(), String> {
     Ok(())
 }
 
+pub(super) fn by_hand(bench: &Bench) -> Result<(), String> {
+    if bench.driver.moved == Moved::ByMotor {
+        return Ok(());
+    }
+    let axis = bench.axis()?;
+    let stage = bench.stage.as_ref().ok_or("no stage")?;
+    bench.bring(&axis, 5.0)?;
+    let before = bench.clock.now().monotonic;
+    bench.run(axis.move_to(80.0)).map_err(|error| format!("a move: {error}"))?;
+    bench.run(axis.stop()).map_err(|error| format!("stop: {error}"))?;
+    if stage.is_moving() || bench.clock.now().monotonic != before {
+        return Err("a person moves it, and it moved or waited itself".to_owned());
+    }
+    near(5.0, bench.run(axis.position()).map_err(|error| error.to_string())?.value)?;
+    // Read on its way, as the engine does while somebody pushes it.
+    stage.go(80.0)?;
+    bench.run(bench.clock.sleep(Duration::from_millis(500)));
+    let read = bench.run(axis.position()).map_err(|error| error.to_string())?.value;
+    near(stage.encoder(), read)
+}
+
 pub(super) fn stops(bench: &Bench) -> Result<(), String> {
+    if bench.driver.moved == Moved::ByHand {
+        return Ok(());
+    }
     let axis = bench.axis()?;
     bench.run(axis.move_to(0.0)).map_err(|error| error.to_string())?;
     let stop = async {
@@ -66,13 +90,16 @@ pub(super) fn stops(bench: &Bench) -> Result<(), String> {
 
 pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
+    if bench.driver.moved == Moved::ByHand {
+        return Ok(());
+    }
     let axis = bench.axis()?;
     bench.run(axis.move_to(0.0)).map_err(|error| error.to_string())?;
     let pull = async {
         bench.clock.sleep(Duration::from_millis(700)).await;
         trouble.unplug(true);
         // Real time: the host notices.
-        std::thread::sleep(Duration::from_millis(40));
+        bench.pause();
     };
     let (moved, ()) = bench.run(join(axis.move_to(80.0), pull));
     match moved {
@@ -80,7 +107,7 @@ pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {
         other => return Err(format!("expected a lost connection, got {other:?}")),
     }
     trouble.unplug(false);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(axis.position());
     bench.run(axis.stop()).map_err(|error| format!("stop afterwards: {error}"))?;
     bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))
@@ -91,7 +118,7 @@ pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
     let axis = bench.axis()?;
     bench.run(axis.move_to(5.0)).map_err(|error| error.to_string())?;
     host.reboot();
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(axis.position());
     let Some(homing) = axis.homing() else {
         return bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"));

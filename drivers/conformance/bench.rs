@@ -12,14 +12,16 @@ use beampose_core::instrument::AxisUnit;
 use beampose_core::{Axis, Camera, Clock, InstrumentError, Laser, Quantity, Sensor, VirtualClock};
 
 use crate::options::{Options, Value};
-use crate::registry::{Connected, Driver, Role, Setting, Simulator};
+use crate::registry::{Connected, Driver, Moved, Role, Setting, Simulator};
 use crate::sim::{
-    Host, Hosted, Part, Simulated, TestDiode, TestProbe, TestShutter, TestStage, Trouble,
+    Host, Hosted, Part, Simulated, Stage, TestDiode, TestProbe, TestShutter, TestStage, Trouble,
 };
 use crate::transport::{Line, Wire};
 
-/// How long an answer may take here.
-pub(super) const DEADLINE: Duration = Duration::from_millis(80);
+/// How long an answer may take here: most checks wait for one that does not come.
+const DEADLINE: Duration = Duration::from_millis(80);
+/// How long it may take on a machine that is busy otherwise.
+const PATIENT: Duration = Duration::from_millis(600);
 /// The name of the instrument.
 const NAME: &str = "it";
 
@@ -70,6 +72,8 @@ pub struct Bench {
     pub(super) diode: Option<Arc<TestDiode>>,
     pub(super) probe: Option<Arc<TestProbe>>,
     pub(super) shutter: Option<Arc<TestShutter>>,
+    /// How long an answer may take.
+    pub(super) deadline: Duration,
     scratch: tempfile::TempDir,
 }
 
@@ -128,7 +132,24 @@ impl Bench {
             (Simulator::Hosted(make), _) => Served::Own(make(&all)?),
         };
         let scratch = tempfile::tempdir().map_err(io)?;
-        Ok(Self { driver, way, clock, served, stage, diode, probe, shutter, scratch })
+        Ok(Self {
+            driver,
+            way,
+            clock,
+            served,
+            stage,
+            diode,
+            probe,
+            shutter,
+            deadline: DEADLINE,
+            scratch,
+        })
+    }
+
+    /// The same, for a machine that is busy: everything takes longer, and nothing else changes.
+    #[must_use]
+    pub fn patient(self) -> Self {
+        Self { deadline: PATIENT, ..self }
     }
 
     /// One more connection to the device.
@@ -143,18 +164,20 @@ impl Bench {
             Served::Line(host) => host.address().clone(),
             Served::Own(hosted) => hosted.address(NAME).ok_or("no address")?,
         };
-        let line = self.driver.port.map(|port| {
+        let options = options(self.driver)?;
+        let port = self.driver.port_settings(&options).map_err(|error| error.to_string())?;
+        let line = port.map(|port| {
             let wire = Wire::new(NAME, address.clone(), port, clock.clone(), None);
-            Arc::new(Line::new(Arc::new(wire), DEADLINE))
+            Arc::new(Line::new(Arc::new(wire), self.deadline))
         });
         let setting = Setting {
             name: NAME.to_owned(),
             address,
             line,
             clock,
-            options: options(self.driver)?,
+            options,
             role,
-            deadline: DEADLINE,
+            deadline: self.deadline,
             simulated: true,
             scratch: Path::to_owned(self.scratch.path()),
         };
@@ -164,6 +187,11 @@ impl Bench {
     /// Runs to the end, in virtual time.
     pub(super) fn run<'a, T: Send + 'a>(&self, future: impl Future<Output = T> + Send + 'a) -> T {
         futures::executor::block_on(self.clock.drive(Box::pin(future)))
+    }
+
+    /// Lets real time pass in which host and device notice what was done to them.
+    pub(super) fn pause(&self) {
+        std::thread::sleep(self.deadline / 2);
     }
 
     /// The host of the line; `None` for instruments without a line of bytes.
@@ -186,6 +214,20 @@ impl Bench {
         if let Served::Own(hosted) = &self.served {
             hosted.lose_next();
         }
+    }
+
+    /// Brings an axis to a place: by its motor, or, where it is moved by hand, as a person would.
+    pub(super) fn bring(&self, axis: &Arc<dyn Axis>, target: f64) -> Result<(), String> {
+        let failed = |error: InstrumentError| format!("to {target}: {error}");
+        self.run(axis.move_to(target)).map_err(failed)?;
+        if self.driver.moved == Moved::ByHand {
+            let stage = self.stage.as_ref().ok_or("no stage")?;
+            stage.go(target)?;
+            while stage.is_moving() {
+                self.run(self.clock.sleep(Duration::from_millis(50)));
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn axis(&self) -> Result<Arc<dyn Axis>, String> {

@@ -94,7 +94,7 @@ pub(super) fn interlock(bench: &Bench) -> Result<(), String> {
     // Opened while it emits.
     diode.interlock_open.store(true, Ordering::SeqCst);
     bench.run(laser.emission());
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     if diode.is_on() {
         return Err("its interlock opened, was polled, and it still emits".to_owned());
     }
@@ -181,7 +181,7 @@ pub(super) fn uncommanded(bench: &Bench) -> Result<(), String> {
     if bench.run(laser.emission()) == Emission::Off {
         return Err("it is on and reads as off".to_owned());
     }
-    std::thread::sleep(Duration::from_millis(60));
+    bench.pause();
     if diode.is_on() {
         return Err("on without a command, seen, and left on".to_owned());
     }
@@ -198,7 +198,7 @@ pub(super) fn dropped(bench: &Bench) -> Result<(), String> {
     let (laser, diode) = (bench.laser()?, diode(bench)?);
     let given_up = bench.clock.sleep(Duration::from_secs(1));
     drop(bench.run(select(Box::pin(laser.emit()), given_up)));
-    std::thread::sleep(Duration::from_millis(60));
+    bench.pause();
     bench.run(bench.clock.sleep(Duration::from_secs(10)));
     if diode.is_on() {
         return Err("emit was given up half-way, and it is on".to_owned());
@@ -206,7 +206,7 @@ pub(super) fn dropped(bench: &Bench) -> Result<(), String> {
     bench.run(laser.off()).map_err(in_words)?;
     bench.run(laser.emit()).map_err(in_words)?;
     drop(laser);
-    std::thread::sleep(Duration::from_millis(60));
+    bench.pause();
     if diode.is_on() { Err("nobody holds it any more, and it is on".to_owned()) } else { Ok(()) }
 }
 
@@ -215,13 +215,13 @@ pub(super) fn lost(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     bench.run(laser.emit()).map_err(in_words)?;
     trouble.unplug(true);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     expect(Emission::Unknown, bench.run(laser.emission()))?;
     if bench.run(laser.off()).is_ok() {
         return Err("off over a pulled cable succeeded".to_owned());
     }
     trouble.unplug(false);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     bench.run(laser.emission());
     expect(Emission::Off, bench.run(laser.emission()))?;
     if diode.is_on() {
@@ -235,7 +235,7 @@ pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
     let (laser, diode) = (bench.laser()?, diode(bench)?);
     bench.run(laser.emit()).map_err(in_words)?;
     host.reboot();
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     bench.run(laser.emission());
     expect(Emission::Off, bench.run(laser.emission()))?;
     if diode.is_on() { Err("it is on after a reboot".to_owned()) } else { Ok(()) }
@@ -252,7 +252,7 @@ pub(super) fn above_limit(bench: &Bench) -> Result<(), String> {
         }
         // A serial port has one owner.
         drop(laser);
-        std::thread::sleep(Duration::from_millis(40));
+        bench.pause();
     }
     Ok(())
 }
@@ -261,7 +261,7 @@ pub(super) fn last_resort(bench: &Bench) -> Result<(), String> {
     let (laser, diode) = (bench.laser()?, diode(bench)?);
     bench.run(laser.emit()).map_err(in_words)?;
     laser.off_without_waiting();
-    std::thread::sleep(Duration::from_millis(60));
+    bench.pause();
     if diode.is_on() {
         return Err("it is still on".to_owned());
     }
@@ -270,7 +270,7 @@ pub(super) fn last_resort(bench: &Bench) -> Result<(), String> {
     let cry = async {
         bench.clock.sleep(Duration::from_secs(1)).await;
         laser.off_without_waiting();
-        std::thread::sleep(Duration::from_millis(60));
+        bench.pause();
     };
     let (lit, ()) = bench.run(join(laser.emit(), cry));
     if lit.is_ok() || diode.is_on() {

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use beampose_core::InstrumentError;
 
 use super::Way;
-use super::bench::{Bench, DEADLINE};
-use crate::registry::Connected;
+use super::bench::Bench;
+use crate::registry::{Connected, Moved};
 use crate::sim::Fault;
 
 pub(super) fn identifies(bench: &Bench) -> Result<(), String> {
@@ -77,12 +77,10 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     match bench.connect()? {
         Connected::Axis(axis) => {
-            let go = |target: f64| {
-                bench.run(axis.move_to(target)).map_err(|error| format!("to {target}: {error}"))
-            };
+            let go = |target: f64| bench.bring(&axis, target);
             let read = || bench.run(axis.position()).map(|reading| reading.value);
             go(10.0)?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             expect_timeout(read())?;
             go(20.0)?;
             near(20.0, read().map_err(|error| error.to_string())?)
@@ -91,17 +89,17 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             let read = || bench.run(sensor.read()).map(|reading| reading.value);
             let probe = bench.probe.as_ref().ok_or("no probe")?;
             read().map_err(|error| error.to_string())?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             expect_timeout(read())?;
-            std::thread::sleep(DEADLINE / 2);
+            std::thread::sleep(bench.deadline / 2);
             let found = read().map_err(|error| format!("after the late answer: {error}"))?;
             near(probe.value(probe.reads() - 1), found)
         }
         Connected::Laser(_) | Connected::Camera(_) => {
             let asker = bench.asker()?;
-            trouble.next([Fault::Late(DEADLINE * 2)]);
+            trouble.next([Fault::Late(bench.deadline * 2)]);
             let _ = bench.run(asker.ask());
-            std::thread::sleep(DEADLINE * 2);
+            std::thread::sleep(bench.deadline * 2);
             works_again(bench, &asker)
         }
     }
@@ -113,16 +111,16 @@ pub(super) fn given_up(bench: &Bench) -> Result<(), String> {
     let connected = bench.connect()?;
     let asker = bench.asker_of(connected.clone())?;
     if let Connected::Axis(axis) = &connected {
-        bench.run(axis.move_to(10.0)).map_err(|error| error.to_string())?;
+        bench.bring(axis, 10.0)?;
     }
-    trouble.next([Fault::Late(DEADLINE / 2)]);
-    if is_done_within(asker.ask(), DEADLINE / 4) {
+    trouble.next([Fault::Late(bench.deadline / 2)]);
+    if is_done_within(asker.ask(), bench.deadline / 4) {
         return Err("the answer was to come later".to_owned());
     }
     match &connected {
         Connected::Axis(axis) => {
             bench.run(axis.stop()).map_err(|error| format!("stop: {error}"))?;
-            bench.run(axis.move_to(20.0)).map_err(|error| error.to_string())?;
+            bench.bring(axis, 20.0)?;
             near(20.0, bench.run(axis.position()).map_err(|error| error.to_string())?.value)
         }
         Connected::Sensor(sensor) => {
@@ -167,7 +165,7 @@ pub(super) fn cut(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     let asker = bench.asker()?;
     trouble.cut();
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     // The first call may find out, the next finds it mended.
     match bench.run(asker.ask()) {
         Ok(()) | Err(InstrumentError::Disconnected(_) | InstrumentError::Timeout(_)) => {}
@@ -180,7 +178,7 @@ pub(super) fn unplugged(bench: &Bench) -> Result<(), String> {
     let Some(trouble) = bench.trouble() else { return Ok(()) };
     let asker = bench.asker()?;
     trouble.unplug(true);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let mut last = Ok(());
     for _ in 0..3 {
         last = bench.run(asker.ask());
@@ -190,7 +188,7 @@ pub(super) fn unplugged(bench: &Bench) -> Result<(), String> {
         other => return Err(format!("expected a lost connection with a reason, got {other:?}")),
     }
     trouble.unplug(false);
-    std::thread::sleep(Duration::from_millis(40));
+    bench.pause();
     let _ = bench.run(asker.ask());
     works_again(bench, &asker)
 }
@@ -229,7 +227,9 @@ pub(super) fn refusal(bench: &Bench) -> Result<(), String> {
         return Ok(());
     }
     let result = match &connected {
-        Connected::Axis(axis) => bench.run(axis.move_to(1.0)),
+        Connected::Axis(axis) if bench.driver.moved == Moved::ByMotor => {
+            bench.run(axis.move_to(1.0))
+        }
         Connected::Laser(laser) => bench.run(laser.emit()),
         _ => bench.run(asker.ask()),
     };

@@ -62,6 +62,11 @@ pub const CHECKS: &[Check] = &[
         kinds: AXES,
         run: axis::limits,
     },
+    Check {
+        name: "moved by hand, it is read and does not move by itself",
+        kinds: AXES,
+        run: axis::by_hand,
+    },
     Check { name: "it stops while it moves, and the move says so", kinds: AXES, run: axis::stops },
     Check {
         name: "cut in the middle of a move is an error",
@@ -140,7 +145,12 @@ pub fn failures(driver: &'static Driver) -> Vec<String> {
     for way in Way::of(driver).iter().filter(|way| !lacks(way)) {
         for check in CHECKS.iter().filter(|c| c.kinds.is_empty() || c.kinds.contains(&driver.kind))
         {
-            let result = Bench::new(driver, *way).and_then(|bench| (check.run)(&bench));
+            let bench = || Bench::new(driver, *way);
+            // Bytes have real deadlines: on a busy machine an answer may miss one that is short.
+            // What is wrong with a driver is wrong with a long one too.
+            let result = bench()
+                .and_then(|bench| (check.run)(&bench))
+                .or_else(|_| bench().and_then(|bench| (check.run)(&bench.patient())));
             if let Err(why) = result {
                 failed.push(format!(
                     "{} ({}), {way}: {}: {why}",

@@ -12,8 +12,10 @@ use std::time::{Duration, Instant};
 
 use beampose_core::clock::{BoxFuture, ExternalGuard};
 use beampose_core::{Clock, Quantity, Stamp};
-use beampose_drivers::sim::{Host, Part, Simulated, TestDiode, TestProbe, TestShutter, TestStage};
-use beampose_drivers::{Options, Role, Simulator};
+use beampose_drivers::sim::{
+    Host, Part, Simulated, Stage, TestDiode, TestProbe, TestShutter, TestStage,
+};
+use beampose_drivers::{Moved, Options, Role, Simulator};
 
 /// Simulators only look at the time; nobody here waits on it.
 struct WallClock(Instant);
@@ -50,6 +52,10 @@ fn main() -> Result<(), String> {
                 (beampose_core::instrument::AxisUnit::Degree, [-180.0, 180.0])
             };
             let stage = TestStage::new(Arc::clone(&clock), limits, 50.0);
+            if driver.moved == Moved::ByHand {
+                // Somebody pushes it there: it arrives within three seconds.
+                stage.go(123.4567)?;
+            }
             (Role::Axis { unit, limits, speed: 50.0 }, Part::Stage(Arc::new(stage)))
         }
         "laser" => {

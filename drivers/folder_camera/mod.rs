@@ -25,7 +25,7 @@ pub use driver::FolderCamera;
 pub use sim::TetheredFolder;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 
 /// A watched folder as a camera.
 pub const CAMERA: Driver = Driver {
@@ -33,6 +33,7 @@ pub const CAMERA: Driver = Driver {
     name: "folder",
     instruments: "any camera whose pictures another program drops into a folder",
     verified: "by its simulator, and with the gphoto2 program as what fills the folder",
+    moved: Moved::ByMotor,
     reads: None,
     port: None,
     options: &[

@@ -23,7 +23,7 @@ pub use driver::Gphoto2Camera;
 pub use sim::PtpIpCameras;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 
 /// A camera that libgphoto2 knows.
 pub const CAMERA: Driver = Driver {
@@ -32,6 +32,7 @@ pub const CAMERA: Driver = Driver {
     instruments: "cameras that libgphoto2 releases remotely (gphoto.org lists them)",
     verified: "its simulator by the gphoto2 program over PTP/IP, the driver by libgphoto2 against \
                that simulator; never met a camera",
+    moved: Moved::ByMotor,
     reads: None,
     port: None,
     options: &[

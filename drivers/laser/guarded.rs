@@ -277,6 +277,7 @@ impl GuardedLaser {
 
     async fn is_lit(&self) -> Result<bool, InstrumentError> {
         Ok(self.lit.load(Ordering::SeqCst)
+            && self.contact().await?
             && self.device.is_on().await?
             && self.device.measured().await? >= self.current_ma.unwrap_or(f64::MAX) / 2.0)
     }

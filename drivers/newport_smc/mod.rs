@@ -16,7 +16,7 @@ pub use driver::NewportSmc;
 pub use sim::SmcChain;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::{FlowControl, PortSettings};
 
 const OPTIONS: &[OptionSpec] = &[OptionSpec {
@@ -33,6 +33,7 @@ pub const RAIL: Driver = Driver {
     instruments: "Newport SMC100CC, SMC100PP and CONEX-CC stages",
     verified: "its simulator by yaqd-newport (home, limits, move, position, status), the driver by \
                that simulator; never met a device",
+    moved: Moved::ByMotor,
     reads: None,
     port: Some(PortSettings { flow: FlowControl::Software, ..PortSettings::at(57_600) }),
     options: OPTIONS,

@@ -64,6 +64,10 @@ impl Shared {
                     let mut device = self.device();
                     match fault {
                         Some(Fault::Cut) => return Ok(()),
+                        Some(Fault::Reboot) => {
+                            device.reboot();
+                            return Ok(());
+                        }
                         Some(Fault::Refused) => drop(device.refuse_next()),
                         _ => {}
                     }
@@ -84,7 +88,7 @@ impl Shared {
                 return Ok(());
             }
             match fault {
-                None | Some(Fault::Refused | Fault::Cut) => port.write_all(&out)?,
+                None | Some(Fault::Refused | Fault::Cut | Fault::Reboot) => port.write_all(&out)?,
                 Some(Fault::Silent) => {}
                 Some(Fault::Late(by)) => {
                     std::thread::sleep(by);

@@ -22,6 +22,8 @@ pub enum Fault {
     Refused,
     /// The cable is pulled before the device hears it.
     Cut,
+    /// The device goes off and on again before it hears it.
+    Reboot,
 }
 
 /// Who says what goes wrong with the question that just came.

@@ -40,9 +40,21 @@ impl Interface {
     /// What every session begins with. Errors that were there before are nobody's here.
     pub(super) async fn open(&self, talk: &mut Talk<'_>) -> Result<(), InstrumentError> {
         talk.send(protocol::OPENING).await?;
+        self.errors(talk).await.map(drop)
+    }
+
+    /// What the commands before have left in the registers for execution and command errors.
+    async fn errors(&self, talk: &mut Talk<'_>) -> Result<[u32; 2], InstrumentError> {
+        // Answered when all before is executed: only from then on time counts, not from when the
+        // bytes were handed to a slow line.
+        self.asked(talk, "*OPC").await?;
         self.clock.sleep(ERROR_COMES).await;
-        self.asked(talk, "LEXE").await?;
-        self.asked(talk, "LCME").await.map(drop)
+        let mut codes = [0; 2];
+        for (code, register) in codes.iter_mut().zip(["LEXE", "LCME"]) {
+            let text = self.asked(talk, register).await?;
+            *code = text.parse().map_err(|_| garbled(talk, register, &text))?;
+        }
+        Ok(codes)
     }
 
     /// One question in a talk.
@@ -74,17 +86,11 @@ impl Interface {
     async fn set(&self, word: &str, value: &str) -> Result<(), InstrumentError> {
         let mut talk = self.talk().await?;
         talk.send(&protocol::setting(word, value)).await?;
-        self.clock.sleep(ERROR_COMES).await;
-        let mut code = async |register: &str| {
-            let text = self.asked(&mut talk, register).await?;
-            text.parse::<u32>().map_err(|_| garbled(&talk, register, &text))
-        };
-        let (execution, command) = (code("LEXE").await?, code("LCME").await?);
         let refused = |why: String| Err(InstrumentError::Refused(format!("{word} {value}: {why}")));
-        match (execution, command) {
-            (0, 0) => Ok(()),
-            (0, code) => refused(format!("{} (LCME {code})", protocol::command_error(code))),
-            (code, _) => refused(format!("execution error {code} (LEXE in its manual)")),
+        match self.errors(&mut talk).await? {
+            [0, 0] => Ok(()),
+            [0, code] => refused(format!("{} (LCME {code})", protocol::command_error(code))),
+            [code, _] => refused(format!("execution error {code} (LEXE in its manual)")),
         }
     }
 

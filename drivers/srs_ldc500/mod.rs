@@ -4,7 +4,7 @@
 //!
 //! Sources: operation and service manual, chapter "Remote Operation" (syntax, buffers, token and
 //! termination modes, limits, the table of `LCME?`), and the behaviour of pymeasure's `LDC500Series`
-//! that talks to [`sim`]. What nobody could check: the table of `LEXE?` (a code is reported as a
+//! that talks to `sim`. What nobody could check: the table of `LEXE?` (a code is reported as a
 //! number), what the Ethernet port refuses before `ULOC 1`, what `TTRD?` answers without a sensor,
 //! and every trip of the real hardware. The range (`RNGE`), the voltage limit (`SVLM`) and the
 //! temperature control are set at the front panel, for the diode in use; this driver changes neither
@@ -22,7 +22,7 @@ pub use sim::Ldc500;
 use beampose_core::Quantity;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
 const INSTRUMENTS: &str = "Stanford Research Systems LDC500, LDC501, LDC502";
@@ -36,6 +36,7 @@ pub const LASER: Driver = Driver {
     name: "srs-ldc500",
     instruments: INSTRUMENTS,
     verified: VERIFIED,
+    moved: Moved::ByMotor,
     reads: None,
     port: Some(PORT),
     options: &[
@@ -69,6 +70,7 @@ pub const TEMPERATURE: Driver = Driver {
     name: "srs-ldc500",
     instruments: INSTRUMENTS,
     verified: VERIFIED,
+    moved: Moved::ByMotor,
     reads: Some(Quantity::Temperature),
     port: Some(PORT),
     options: &[],

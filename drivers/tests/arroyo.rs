@@ -7,11 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use beampose_core::{Clock, InstrumentError, VirtualClock};
+use beampose_core::{Clock, Emission, InstrumentError, Quantity, VirtualClock};
 use beampose_drivers::sim::{Device, Diode, Host, Part, Simulated, TestDiode};
-use beampose_drivers::transport::{Line, Wire};
+use beampose_drivers::transport::{Address, Line, Wire};
 use beampose_drivers::{Connected, Options, Role, Setting, Simulator, find};
 
+const DEADLINE: Duration = Duration::from_millis(300);
 const LASER: Role = Role::Laser { current_ma: Some(60.0), emission_delay: Duration::from_secs(3) };
 
 fn options(more: &[(&str, &str)]) -> Options {
@@ -52,24 +53,30 @@ impl Lab {
         futures::executor::block_on(self.clock.drive(Box::pin(sleep)));
     }
 
-    fn connect(&self, host: &Host, more: &[(&str, &str)]) -> Connected {
-        let driver = find("laser", "arroyo").unwrap();
+    fn line(&self, host: &Host) -> Arc<Line> {
         let clock: Arc<dyn Clock> = Arc::new(self.clock.clone());
-        let deadline = Duration::from_millis(300);
-        let port = driver.port.unwrap();
-        let wire = Wire::new("line", host.address().clone(), port, Arc::clone(&clock), None);
-        (driver.connect)(Setting {
-            name: "laser".to_owned(),
-            address: host.address().clone(),
-            line: Some(Arc::new(Line::new(Arc::new(wire), deadline))),
-            clock,
-            options: options(more),
-            role: LASER,
-            deadline,
+        let port = find("laser", "arroyo").unwrap().port.unwrap();
+        let wire = Wire::new("line", host.address().clone(), port, clock, None);
+        Arc::new(Line::new(Arc::new(wire), DEADLINE))
+    }
+
+    fn on(&self, line: Arc<Line>, kind: &str, role: Role, options: Options) -> Connected {
+        (find(kind, "arroyo").unwrap().connect)(Setting {
+            name: kind.to_owned(),
+            address: Address::Device("this line".to_owned()),
+            line: Some(line),
+            clock: Arc::new(self.clock.clone()),
+            options,
+            role,
+            deadline: DEADLINE,
             simulated: true,
             scratch: std::env::temp_dir(),
         })
         .unwrap()
+    }
+
+    fn connect(&self, host: &Host, more: &[(&str, &str)]) -> Connected {
+        self.on(self.line(host), "laser", LASER, options(more))
     }
 }
 
@@ -172,4 +179,30 @@ fn light_without_temperature_control_is_given_only_where_the_rig_says_so() {
             other => assert!(!refused && other.is_ok(), "{other:?}"),
         }
     }
+}
+
+#[test]
+fn laser_and_sensor_share_a_line_and_leave_each_other_alone() {
+    let lab = Lab::new();
+    let host = Host::tcp(lab.device(), "127.0.0.1:0".parse().unwrap()).unwrap();
+    let line = lab.line(&host);
+    let laser = lab.on(Arc::clone(&line), "laser", LASER, options(&[]));
+    let role = Role::Sensor { quantity: Quantity::Temperature, u: Some(0.05) };
+    let sensor = lab.on(line, "sensor", role, Options::default());
+    let (Connected::Laser(laser), Connected::Sensor(sensor)) = (laser, sensor) else {
+        unreachable!("a laser and a sensor")
+    };
+    let run = async {
+        laser.emit().await.unwrap();
+        // The sensor's first word on this line: the light stays.
+        assert_eq!(sensor.read().await.unwrap().value, 25.0);
+        assert_eq!(laser.emission().await, Emission::On);
+        assert!(lab.diode.emits());
+        // Nobody holds the laser any more; the sensor holds the line.
+        drop(laser);
+        std::thread::sleep(Duration::from_millis(60));
+        assert!(!lab.diode.is_on());
+        assert_eq!(sensor.read().await.unwrap().value, 25.0);
+    };
+    futures::executor::block_on(lab.clock.drive(Box::pin(run)));
 }

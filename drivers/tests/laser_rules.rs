@@ -245,6 +245,10 @@ fn a_contact_that_opens_ends_the_light_and_stays_in_mind() {
     assert!(matches!(rig.run(rig.laser.emit()), Err(InstrumentError::Refused(_))));
     rig.run(rig.laser.off()).unwrap();
     rig.run(rig.laser.emit()).unwrap();
+    // Told to emit what emits: the contact counts all the same.
+    rig.device.open.store(true, Ordering::SeqCst);
+    assert!(matches!(rig.run(rig.laser.emit()), Err(InstrumentError::Refused(_))));
+    assert!(!rig.is_on());
 }
 
 #[test]

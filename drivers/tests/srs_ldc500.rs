@@ -3,14 +3,16 @@
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::{Clock, Emission, Quantity, VirtualClock};
 use beampose_drivers::sim::{Device, Diode, Host, Part, Simulated, TestDiode, TestProbe};
-use beampose_drivers::transport::{Line, Wire};
+use beampose_drivers::transport::{Address, Line, Wire};
 use beampose_drivers::{Connected, Driver, Options, Role, Setting, Simulator, find};
 
+const DEADLINE: Duration = Duration::from_millis(500);
 const LASER: Role = Role::Laser { current_ma: Some(60.0), emission_delay: Duration::from_secs(3) };
 const SENSOR: Role = Role::Sensor { quantity: Quantity::Temperature, u: Some(0.05) };
 
@@ -47,6 +49,32 @@ impl Lab {
             simulated("laser", "laser", LASER, Part::Diode(self.diode.clone())),
             simulated("diode", "sensor", SENSOR, Part::Probe(self.probe.clone())),
         ])
+        .unwrap()
+    }
+
+    fn line(&self, host: &Host) -> Arc<Line> {
+        let clock: Arc<dyn Clock> = Arc::new(self.clock.clone());
+        let port = find("laser", "srs-ldc500").unwrap().port.unwrap();
+        let wire = Wire::new("line", host.address().clone(), port, clock, None);
+        Arc::new(Line::new(Arc::new(wire), DEADLINE))
+    }
+
+    fn on(&self, line: &Arc<Line>, kind: &str, role: Role) -> Connected {
+        self.with(line, kind, role, options(find(kind, "srs-ldc500").unwrap()))
+    }
+
+    fn with(&self, line: &Arc<Line>, kind: &str, role: Role, options: Options) -> Connected {
+        (find(kind, "srs-ldc500").unwrap().connect)(Setting {
+            name: kind.to_owned(),
+            address: Address::Device("this line".to_owned()),
+            line: Some(Arc::clone(line)),
+            clock: Arc::new(self.clock.clone()),
+            options,
+            role,
+            deadline: DEADLINE,
+            simulated: true,
+            scratch: std::env::temp_dir(),
+        })
         .unwrap()
     }
 
@@ -117,30 +145,9 @@ fn the_simulator_keeps_the_traps_of_the_manual() {
 fn laser_and_sensor_share_a_line_and_leave_each_other_alone() {
     let lab = Lab::new();
     let host = Host::tcp(lab.device(), "127.0.0.1:0".parse().unwrap()).unwrap();
-    let clock: Arc<dyn Clock> = Arc::new(lab.clock.clone());
-    let deadline = Duration::from_millis(500);
-    let driver = find("laser", "srs-ldc500").unwrap();
-    let wire =
-        Wire::new("line", host.address().clone(), driver.port.unwrap(), Arc::clone(&clock), None);
-    let line = Arc::new(Line::new(Arc::new(wire), deadline));
-    let scratch = tempfile::tempdir().unwrap();
-    let connect = |kind: &str, role: Role| {
-        let driver = find(kind, "srs-ldc500").unwrap();
-        (driver.connect)(Setting {
-            name: kind.to_owned(),
-            address: host.address().clone(),
-            line: Some(Arc::clone(&line)),
-            clock: Arc::clone(&clock),
-            options: options(driver),
-            role,
-            deadline,
-            simulated: true,
-            scratch: scratch.path().to_owned(),
-        })
-        .unwrap()
-    };
+    let line = lab.line(&host);
     let (Connected::Laser(laser), Connected::Sensor(sensor)) =
-        (connect("laser", LASER), connect("sensor", SENSOR))
+        (lab.on(&line, "laser", LASER), lab.on(&line, "sensor", SENSOR))
     else {
         unreachable!("a laser and a sensor")
     };
@@ -160,4 +167,47 @@ fn laser_and_sensor_share_a_line_and_leave_each_other_alone() {
         assert!(!lab.diode.is_on());
     };
     futures::executor::block_on(lab.clock.drive(Box::pin(run)));
+}
+
+/// Tokens, line ends, modulation, mode: nothing of it is assumed.
+#[test]
+fn the_driver_finds_its_way_however_the_box_was_left() {
+    let lab = Lab::new();
+    let mut device = lab.device();
+    ask(device.as_mut(), "SILM 200;SILD 150;SMOD CP;MODU ON;NONE 1;TOKN OFF;TERM NONE\nSIL");
+    let host = Host::tcp(device, "127.0.0.1:0".parse().unwrap()).unwrap();
+    let Connected::Laser(laser) = lab.on(&lab.line(&host), "laser", LASER) else {
+        unreachable!("a laser")
+    };
+    let run = async {
+        laser.emit().await.unwrap();
+        assert!(lab.diode.emits());
+        laser.off().await.unwrap();
+        assert!(!lab.diode.is_on());
+    };
+    futures::executor::block_on(lab.clock.drive(Box::pin(run)));
+    drop(laser);
+    let Address::Tcp { host: name, port } = host.address() else { unreachable!("TCP") };
+    let mut second = std::net::TcpStream::connect((name.as_str(), *port)).unwrap();
+    second.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    second.write_all(b"SMOD?;MODU?;SILM?;SILD?;LDON?\n").unwrap();
+    let answers: Vec<String> = BufReader::new(second).lines().take(5).map(Result::unwrap).collect();
+    assert_eq!(answers, ["CC", "OFF", "120.000", "0.000", "OFF"]);
+}
+
+/// In the lower range the hardware cannot have the limit: it says so, and so does the driver.
+#[test]
+fn a_limit_beyond_the_range_is_an_error_in_words() {
+    let lab = Lab::new();
+    let mut device = lab.device();
+    ask(device.as_mut(), "RNGE LOW\n");
+    let host = Host::tcp(device, "127.0.0.1:0".parse().unwrap()).unwrap();
+    let written = BTreeMap::from([("limit_current".to_owned(), "300".to_owned())]);
+    let options = Options::read(find("laser", "srs-ldc500").unwrap().options, &written).unwrap();
+    let laser = lab.with(&lab.line(&host), "laser", LASER, options);
+    let Connected::Laser(laser) = laser else { unreachable!("a laser") };
+    let lit = futures::executor::block_on(lab.clock.drive(Box::pin(laser.emit())));
+    let why = lit.unwrap_err().to_string();
+    assert!(why.contains("SILM 300.000") && why.contains("LEXE"), "{why}");
+    assert!(!lab.diode.is_on());
 }

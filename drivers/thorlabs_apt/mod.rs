@@ -15,7 +15,7 @@ pub use driver::ThorlabsApt;
 pub use sim::AptUnit;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::{FlowControl, PortSettings};
 
 const COUNTS: OptionSpec = OptionSpec {
@@ -48,6 +48,7 @@ pub const RAIL: Driver = Driver {
     instruments: "Thorlabs KDC101, K10CR1 and LTS stages (APT protocol)",
     verified: "its simulator by thorlabs-apt-device and pylablib, the driver by that simulator and \
                by recorded conversations; never met a device",
+    moved: Moved::ByMotor,
     reads: None,
     port: Some(PortSettings {
         flow: FlowControl::Hardware,

@@ -57,10 +57,10 @@ impl FromStr for Address {
             let (host, port) =
                 rest.rsplit_once(':').ok_or_else(|| wrong("expected tcp:host:port"))?;
             let port = port.parse().map_err(|_| wrong("the port must be 1 to 65535"))?;
+            let host = host.trim_matches(['[', ']']).to_owned();
             if host.is_empty() || port == 0 {
                 return Err(wrong("expected tcp:host:port"));
             }
-            let host = host.trim_matches(['[', ']']).to_owned();
             return Ok(Self::Tcp { host, port });
         }
         if let Some(rest) = text.strip_prefix("simulator:") {
@@ -82,8 +82,7 @@ impl FromStr for Address {
             return Ok(Self::Device(rest.to_owned()));
         }
         let serial = text.strip_prefix("serial:");
-        let looks_serial = text.starts_with('/') || text.starts_with("COM");
-        let Some(rest) = serial.or(looks_serial.then_some(text)) else {
+        let Some(rest) = serial.or(looks_serial(text).then_some(text)) else {
             return Err(wrong(
                 "expected a serial port (/dev/ttyUSB0), tcp:host:port, folder:path, device:name or \
                  simulator:tcp",
@@ -102,11 +101,19 @@ impl FromStr for Address {
     }
 }
 
+/// Whether it is the name of a serial port without a word before it.
+fn looks_serial(text: &str) -> bool {
+    text.starts_with('/') || text.starts_with("COM")
+}
+
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Serial { path, baud: None } => f.write_str(path),
-            Self::Serial { path, baud: Some(baud) } => write!(f, "{path}?baud={baud}"),
+            Self::Serial { path, baud } => {
+                let word = if looks_serial(path) { "" } else { "serial:" };
+                write!(f, "{word}{path}")?;
+                baud.map_or(Ok(()), |baud| write!(f, "?baud={baud}"))
+            }
             Self::Tcp { host, port } if host.contains(':') => write!(f, "tcp:[{host}]:{port}"),
             Self::Tcp { host, port } => write!(f, "tcp:{host}:{port}"),
             Self::Folder(path) => write!(f, "folder:{}", path.display()),
@@ -121,8 +128,6 @@ impl fmt::Display for Address {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "tests")]
-
     use super::*;
 
     #[test]
@@ -136,6 +141,7 @@ mod tests {
             "device:usb:001,002",
             "simulator:pty",
             "simulator:tcp/chain",
+            "serial:usb-port?baud=4800",
         ] {
             assert_eq!(text.parse::<Address>().unwrap().to_string(), text);
         }
@@ -147,6 +153,7 @@ mod tests {
         for (text, part) in [
             ("tcp:host", "tcp:host:port"),
             ("tcp:host:99999", "1 to 65535"),
+            ("tcp:[]:23", "tcp:host:port"),
             ("ttyUSB0", "/dev/ttyUSB0"),
             ("/dev/ttyUSB0?baud=fast", "baud"),
             ("simulator:usb", "simulator:tcp"),

@@ -64,7 +64,7 @@ impl PortSettings {
 
 /// What a line's thread reads and writes.
 pub(super) trait Port: Read + Write + Send {
-    /// How long the next read may wait.
+    /// How long the next read, or the next write, may wait.
     fn wait_at_most(&mut self, duration: Duration) -> io::Result<()>;
     /// A second handle, to write past a read that waits.
     fn writer(&self) -> io::Result<Box<dyn Write + Send>>;
@@ -94,7 +94,6 @@ fn tcp(host: &str, port: u16, deadline: Duration) -> io::Result<Box<dyn Port>> {
         match TcpStream::connect_timeout(&address, left) {
             Ok(stream) => {
                 stream.set_nodelay(true)?;
-                stream.set_write_timeout(Some(deadline))?;
                 return Ok(Box::new(stream));
             }
             Err(error) => last = error,
@@ -105,7 +104,8 @@ fn tcp(host: &str, port: u16, deadline: Duration) -> io::Result<Box<dyn Port>> {
 
 impl Port for TcpStream {
     fn wait_at_most(&mut self, duration: Duration) -> io::Result<()> {
-        self.set_read_timeout(Some(duration))
+        self.set_read_timeout(Some(duration))?;
+        self.set_write_timeout(Some(duration))
     }
 
     fn writer(&self) -> io::Result<Box<dyn Write + Send>> {
@@ -114,6 +114,9 @@ impl Port for TcpStream {
 }
 
 struct Serial(Box<dyn SerialPort>);
+
+/// So many bytes a serial port takes once the kernel says that there is room.
+const ROOM: usize = 256;
 
 fn serial(path: &str, settings: &PortSettings) -> io::Result<Box<dyn Port>> {
     let data_bits = if settings.data_bits == 7 { DataBits::Seven } else { DataBits::Eight };
@@ -172,11 +175,14 @@ impl Read for Serial {
 
 impl Write for Serial {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
+        // The crate waits until there is room, for as long as it may, and then writes: that blocks
+        // where there is less room than bytes.
+        self.0.write(&bytes[..bytes.len().min(ROOM)])
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
+        // The crate would wait until the last bit is out: for ever, where flow control holds it.
+        Ok(())
     }
 }
 

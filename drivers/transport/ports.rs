@@ -53,3 +53,34 @@ fn stable_names(folder: &Path) -> BTreeMap<PathBuf, String> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    #[test]
+    fn a_port_goes_by_the_name_that_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().canonicalize().unwrap();
+        let (devices, links) = (place.join("dev"), place.join("by-id"));
+        std::fs::create_dir(&devices).unwrap();
+        std::fs::create_dir(&links).unwrap();
+        for name in ["ttyUSB0", "ttyUSB1", "ttyS0"] {
+            std::fs::write(devices.join(name), "").unwrap();
+        }
+        symlink("../dev/ttyUSB1", links.join("usb-FTDI_A50285BI-if00-port0")).unwrap();
+        symlink(devices.join("ttyUSB0"), links.join("usb-Zaber_X-LRQ-if00")).unwrap();
+        // Left behind by a device that is gone.
+        symlink("../dev/ttyUSB7", links.join("usb-gone-if00")).unwrap();
+        let names = stable_names(&links);
+        let name = |device: &str| names.get(&devices.join(device)).cloned();
+        let link = |name: &str| Some(links.join(name).to_string_lossy().into_owned());
+        assert_eq!(name("ttyUSB1"), link("usb-FTDI_A50285BI-if00-port0"));
+        assert_eq!(name("ttyUSB0"), link("usb-Zaber_X-LRQ-if00"));
+        assert_eq!(name("ttyS0"), None);
+        assert_eq!(names.len(), 2);
+        assert!(stable_names(&place.join("nowhere")).is_empty());
+    }
+}

@@ -150,7 +150,7 @@ impl Owner {
             let until = Instant::now() + job.deadline;
             let answer = match job.what {
                 What::Open => self.open(job.deadline),
-                What::Send(bytes) => self.send(&bytes),
+                What::Send(bytes) => self.send(&bytes, job.deadline),
                 What::Until(end) => self.until(end, until, job.deadline),
                 What::Exactly(count) => self.exactly(count, until, job.deadline),
                 What::Discard => self.discard(job.deadline),
@@ -189,11 +189,18 @@ impl Owner {
         self.port.as_mut().ok_or_else(closed)
     }
 
-    fn send(&mut self, bytes: &[u8]) -> Result<Vec<u8>, InstrumentError> {
+    fn send(&mut self, bytes: &[u8], deadline: Duration) -> Result<Vec<u8>, InstrumentError> {
         let port = self.port()?;
-        if let Err(error) = port.write_all(bytes).and_then(|()| port.flush()) {
+        let wait = deadline.max(Duration::from_millis(1));
+        let sent = port.wait_at_most(wait).and_then(|()| port.write_all(bytes));
+        if let Err(error) = sent.and_then(|()| port.flush()) {
+            // Perhaps half of it is out: what follows would be taken for its end.
             self.drop_port();
-            return Err(gone(&self.address, &error));
+            return Err(if is_quiet(&error) {
+                InstrumentError::Timeout(deadline)
+            } else {
+                gone(&self.address, &error)
+            });
         }
         if let Some(recorder) = &self.recorder {
             recorder.note(&self.name, Direction::Sent, bytes);

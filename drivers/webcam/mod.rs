@@ -33,7 +33,7 @@ pub use driver::Webcam;
 use beampose_core::InstrumentError;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Connected, Driver, Setting, Simulator};
+use crate::registry::{Connected, Driver, Moved, Setting, Simulator};
 
 /// A camera of V4L2.
 pub const CAMERA: Driver = Driver {
@@ -41,6 +41,7 @@ pub const CAMERA: Driver = Driver {
     name: "webcam",
     instruments: "webcams and frame grabbers of Linux (V4L2), built with the feature nokhwa",
     verified: "by the kernel's test camera vivid and v4l2-ctl; never met a webcam",
+    moved: Moved::ByMotor,
     reads: None,
     port: None,
     options: &[

@@ -13,7 +13,7 @@ pub use driver::Zaber;
 pub use sim::ZaberChain;
 
 use crate::options::{OptionSpec, Value};
-use crate::registry::{Driver, Simulator};
+use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
 const INSTRUMENTS: &str = "Zaber X- and A-series stages (ASCII protocol)";
@@ -49,6 +49,7 @@ pub const RAIL: Driver = Driver {
     name: "zaber",
     instruments: INSTRUMENTS,
     verified: VERIFIED,
+    moved: Moved::ByMotor,
     reads: None,
     port: Some(PORT),
     options: OPTIONS,

@@ -58,6 +58,7 @@ const fn of_bytes(kind: FaultKind) -> Option<OfBytes> {
         FaultKind::Garbled => OfBytes::Garbled,
         FaultKind::Disconnect => OfBytes::Cut,
         FaultKind::Refused => OfBytes::Refused,
+        FaultKind::Reboot => OfBytes::Reboot,
         _ => return None,
     })
 }
@@ -84,6 +85,7 @@ const fn kind(declared: Declared) -> FaultKind {
         Declared::Garbled => FaultKind::Garbled,
         Declared::Disconnect => FaultKind::Disconnect,
         Declared::Refused => FaultKind::Refused,
+        Declared::Reboot => FaultKind::Reboot,
         Declared::WrongReadback => FaultKind::WrongReadback,
         Declared::Stall => FaultKind::Stall,
         Declared::Overshoot => FaultKind::Overshoot,

@@ -92,6 +92,10 @@ impl Diode for LaserDiode {
         self.0.switch(on);
     }
 
+    fn strike(&self) {
+        self.0.strike();
+    }
+
     fn is_on(&self) -> bool {
         self.0.is_on()
     }

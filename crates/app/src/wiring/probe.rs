@@ -101,10 +101,12 @@ fn needed(driver: &Driver) -> Vec<String> {
 
 async fn ask(driver: &'static Driver, address: &Address) -> Option<String> {
     // Instruments without a line are asked by other means than bytes.
-    let port = driver.port?;
+    driver.port?;
     let needed = driver.options.iter().filter(|spec| spec.default.is_none());
     let written: BTreeMap<String, String> =
         needed.map(|spec| (spec.name.to_owned(), text(spec.example))).collect();
+    let options = Options::read(driver.options, &written).ok()?;
+    let port = driver.port_settings(&options).ok()??;
     let clock: Arc<dyn Clock> = Arc::new(RealClock::start());
     let wire = Wire::new("probe", address.clone(), port, clock.clone(), None);
     let setting = Setting {
@@ -112,7 +114,7 @@ async fn ask(driver: &'static Driver, address: &Address) -> Option<String> {
         address: address.clone(),
         line: Some(Arc::new(Line::new(Arc::new(wire), DEADLINE))),
         clock,
-        options: Options::read(driver.options, &written).ok()?,
+        options,
         role: role(driver),
         deadline: DEADLINE,
         simulated: false,

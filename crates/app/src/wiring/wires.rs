@@ -216,7 +216,9 @@ impl Wires {
             let name = it.name.clone();
             let simulated = self.hosts.contains_key(&name)
                 || it.instrument.address().is_some_and(|at| at.value.starts_with("simulator:"));
-            let line = it.driver.port.map(|port| self.line(&it, port, clock));
+            let port = it.driver.port_settings(&it.options);
+            let port = port.map_err(|error| format!("{name}: {error}"))?;
+            let line = port.map(|port| self.line(&it, port, clock));
             let setting = Setting {
                 name: name.to_string(),
                 address: relative_to(folder, it.address),

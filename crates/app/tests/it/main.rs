@@ -24,3 +24,5 @@ mod score;
 mod stopping;
 mod stored;
 mod unsolvable;
+#[cfg(unix)]
+mod wires;

@@ -58,6 +58,8 @@ words! {
         "disconnect" => Disconnect,
         /// It understands, and refuses.
         "refused" => Refused,
+        /// It goes off and on again, and has forgotten what it was told.
+        "reboot" => Reboot,
         /// An axis reads 5 units off, a sensor reads no number, a laser reads back as on.
         "wrong_readback" => WrongReadback,
         /// An axis sets off and does not arrive.

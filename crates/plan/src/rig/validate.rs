@@ -281,6 +281,7 @@ fn can_have(role: &str, kind: FaultKind) -> bool {
         | FaultKind::LateAnswer
         | FaultKind::Garbled
         | FaultKind::Disconnect
+        | FaultKind::Reboot
         | FaultKind::Refused => !matches!(role, "store" | "clock"),
         FaultKind::WrongReadback => {
             matches!(role, "linear_axis" | "rotary_axis" | "sensor" | "laser")

@@ -38,6 +38,8 @@ pub enum FaultKind {
     Disconnect,
     /// It understands, and refuses.
     Refused,
+    /// It goes off and on again, and has forgotten what it was told.
+    Reboot,
     /// An axis reads 5 units off; a sensor reads no number; a laser reads back as on.
     WrongReadback,
     /// An axis sets off and does not arrive.
@@ -66,8 +68,14 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// What a line does, whatever is at its end.
-    pub const LINE: [Self; 5] =
-        [Self::NoAnswer, Self::LateAnswer, Self::Garbled, Self::Disconnect, Self::Refused];
+    pub const LINE: [Self; 6] = [
+        Self::NoAnswer,
+        Self::LateAnswer,
+        Self::Garbled,
+        Self::Disconnect,
+        Self::Refused,
+        Self::Reboot,
+    ];
 }
 
 /// One fault, and when it comes.
@@ -164,7 +172,7 @@ impl Faults {
 
     /// What a line does to whatever is asked over it.
     async fn line(&self, instrument: &str) -> Result<(), InstrumentError> {
-        use FaultKind::{Disconnect, Garbled, LateAnswer, NoAnswer, Refused};
+        use FaultKind::{Disconnect, Garbled, LateAnswer, NoAnswer, Reboot, Refused};
         match self.strikes(instrument, &FaultKind::LINE) {
             Some(NoAnswer) => std::future::pending().await,
             Some(LateAnswer) => {
@@ -175,7 +183,7 @@ impl Faults {
                 expected: "OK".to_owned(),
                 found: "\u{fffd}#\u{7}".to_owned(),
             }),
-            Some(Disconnect) => Err(InstrumentError::Disconnected("simulated".to_owned())),
+            Some(Disconnect | Reboot) => Err(InstrumentError::Disconnected("simulated".to_owned())),
             Some(Refused) => Err(InstrumentError::Refused("simulated".to_owned())),
             _ => Ok(()),
         }

@@ -37,6 +37,15 @@ impl SimulatedLaser {
         }
     }
 
+    /// Current on and light at once: a controller without a delay of its own.
+    pub fn strike(&self) {
+        let now = self.clock.now().monotonic;
+        let mut live = self.world.live();
+        if !live.switches.commanded() {
+            live.switches.light(now);
+        }
+    }
+
     /// Whether its current is switched on.
     #[must_use]
     pub fn is_on(&self) -> bool {
