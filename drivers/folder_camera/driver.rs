@@ -19,6 +19,8 @@ use crate::transport::Address;
 const POLL: Duration = Duration::from_millis(20);
 /// How long a file must stay the same whose end mark is not quite at its end.
 const STILL: Duration = Duration::from_millis(500);
+/// A release may take at least so long, of real time: a program starts, a camera focuses.
+const RELEASE: Duration = Duration::from_secs(30);
 /// Until a picture is here, where the rig does not say.
 const DELIVERY: Duration = Duration::from_millis(2500);
 
@@ -234,7 +236,7 @@ impl Camera for FolderCamera {
         let mut ledger = self.ledger.lock().await;
         self.await_missing(&mut ledger).await?;
         let requested = self.clock.now();
-        let (release, wait) = (self.release.clone(), self.wait);
+        let (release, wait) = (self.release.clone(), self.wait.max(RELEASE));
         let (folder, complaints) = (self.folder.clone(), self.complaints.clone());
         // Counted before anything can end this call: then it is missing.
         let before = ledger.missing;

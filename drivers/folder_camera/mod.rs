@@ -32,7 +32,7 @@ pub const CAMERA: Driver = Driver {
     kind: "camera",
     name: "folder",
     instruments: "any camera whose pictures another program drops into a folder",
-    verified: "by its simulator, and by files of the operating system; with no tethering program",
+    verified: "by its simulator, and with the gphoto2 program as what fills the folder",
     moved: Moved::ByMotor,
     reads: None,
     port: None,

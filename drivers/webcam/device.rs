@@ -22,7 +22,7 @@ use super::pixels::{Format, began};
 
 /// Buffers that the kernel fills one after the other.
 const BUFFERS: u32 = 4;
-/// A camera that gives no frame for so long has stopped.
+/// A camera that gives no frame for so long, or for four frames, has stopped.
 const STOPPED: Duration = Duration::from_secs(2);
 /// What the kernel says of a call that the device does not know.
 const NOT_THERE: i32 = 22;
@@ -91,7 +91,7 @@ impl Opened {
         let device = &self.device;
         let mut stream =
             Stream::with_buffers(device, Type::VideoCapture, BUFFERS).map_err(failed)?;
-        stream.set_timeout(STOPPED);
+        stream.set_timeout(STOPPED.max(self.interval * 4));
         // The first frame: whether it streams at all.
         stream.next().map_err(failed)?;
         let (jobs, queue) = channel();

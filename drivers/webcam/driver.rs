@@ -41,6 +41,8 @@ struct Streaming {
     model: String,
     locked: Locked,
     frames: Frames,
+    /// A picture is waited for at least so long: a frame that is under way does not count.
+    wait: Duration,
     picture: Picture,
 }
 
@@ -139,7 +141,9 @@ impl Webcam {
             check(&*opened.device, &locked)?;
             let shape = [opened.shape.width, opened.shape.height, opened.shape.stride];
             let picture = Picture { format, shape, full_range: opened.is_full_range() };
-            Ok(Streaming { model: opened.model, device: opened.device, locked, frames, picture })
+            let wait = opened.interval * 4;
+            let Opened { model, device, .. } = opened;
+            Ok(Streaming { model, device, locked, frames, wait, picture })
         });
         Ok(slot.insert(opened.await?))
     }
@@ -148,10 +152,11 @@ impl Webcam {
         let (reply, frame) = oneshot::channel();
         let ended = || InstrumentError::Disconnected("its stream has ended".to_owned());
         let _time_stands_still = self.clock.external();
-        let job = Job { since: monotonic(), until: Instant::now() + self.wait, reply };
+        let wait = self.wait.max(streaming.wait);
+        let job = Job { since: monotonic(), until: Instant::now() + wait, reply };
         streaming.frames.ask(job).map_err(|_| ended())?;
         match frame.await.map_err(|_| ended())? {
-            Err(InstrumentError::Timeout(_)) => Err(InstrumentError::Timeout(self.wait)),
+            Err(InstrumentError::Timeout(_)) => Err(InstrumentError::Timeout(wait)),
             other => other,
         }
     }
