@@ -260,6 +260,19 @@ impl GuardedLaser {
         }
     }
 
+    async fn off_once(&self) -> Result<(), InstrumentError> {
+        self.is_to_be_off();
+        if let Err(error) = self.connected().await {
+            self.device.off_without_waiting();
+            return Err(error);
+        }
+        self.extinguish().await?;
+        if matches!(self.device.interlock_closed().await, Ok(true)) {
+            self.latched.store(false, Ordering::SeqCst);
+        }
+        Ok(())
+    }
+
     /// Off and zero, verified. Leaves the latch.
     async fn extinguish(&self) -> Result<(), InstrumentError> {
         let off = {
@@ -344,16 +357,15 @@ impl Laser for GuardedLaser {
     }
 
     async fn off(&self) -> Result<(), InstrumentError> {
-        self.is_to_be_off();
-        if let Err(error) = self.connected().await {
-            self.device.off_without_waiting();
-            return Err(error);
+        match self.off_once().await {
+            // The line may be there again, and off may be said twice.
+            Err(
+                InstrumentError::Disconnected(_)
+                | InstrumentError::Garbled { .. }
+                | InstrumentError::Timeout(_),
+            ) => self.off_once().await,
+            said => said,
         }
-        self.extinguish().await?;
-        if matches!(self.device.interlock_closed().await, Ok(true)) {
-            self.latched.store(false, Ordering::SeqCst);
-        }
-        Ok(())
     }
 
     async fn emission(&self) -> Emission {

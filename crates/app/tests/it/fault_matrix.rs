@@ -158,8 +158,10 @@ impl Cell {
         let closes = self.fault == "interlock_trip" && self.often == "once";
         let lasts = if closes { ", for: 30 s" } else { "" };
         let fault = format!(
-            "  faults:\n    - {{of: {}, fault: {}, at_step: {}{often}{lasts}}}\n",
-            self.of, self.fault, self.step
+            "  faults:\n    - {{of: {}, fault: {}, {}{often}{lasts}}}\n",
+            self.of,
+            self.fault,
+            self.when()
         );
         lab.write_rig("faulty", &format!("{}\n{fault}", rig.trim_end()));
         self.follow(&lab);
@@ -239,8 +241,19 @@ impl Cell {
         }
     }
 
+    /// With the light on nobody talks to a laser in a step of its own: its interlock is asked now
+    /// and then.
+    fn has_light(&self) -> bool {
+        self.of == "laser" && self.step > 1
+    }
+
+    fn when(&self) -> String {
+        if self.has_light() { "after: 4 s".to_owned() } else { format!("at_step: {}", self.step) }
+    }
+
     fn name(&self) -> String {
-        format!("{} {} {} with {}", self.of, self.fault, self.often, self.policy)
+        let light = if self.has_light() { " with the light on" } else { "" };
+        format!("{} {}{light} {} with {}", self.of, self.fault, self.often, self.policy)
     }
 }
 
@@ -336,8 +349,7 @@ fn every_fault_has_the_outcome_that_the_docs_say() {
 /// wires alone.
 const ON_WIRES: [(&str, u32, &[&str]); 5] = [
     ("laser", 1, &["no_answer", "late_answer", "garbled", "disconnect", "refused", "reboot"]),
-    // With the light on: the interlock is asked every second.
-    ("laser", 4, &["no_answer", "disconnect", "reboot"]),
+    ("laser", 2, &["no_answer", "disconnect", "reboot"]),
     ("rail", 2, &["no_answer", "late_answer", "garbled", "disconnect", "refused", "reboot"]),
     ("wavemeter", 3, &["no_answer", "late_answer", "garbled", "disconnect", "refused", "reboot"]),
     ("cam_b", 4, &["no_answer", "disconnect", "dropped_frame", "camera_hangs"]),
