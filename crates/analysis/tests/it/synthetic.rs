@@ -141,7 +141,8 @@ fn result(method: Method, truth: &Truth, u_mm: [f64; 3], noise: &mut Noise) -> M
     };
     let (beams_used, sigma0) = (119, 1.0 + noise.normal(0.05));
     let wavelength_nm = 658.02 + noise.normal(0.003);
-    MethodResult { method, pose: Ok(pose), beams_used, sigma0, wavelength_nm, ambiguous: false }
+    let (pose, wavelength) = (Ok(pose), None);
+    MethodResult { method, pose, beams_used, sigma0, wavelength_nm, wavelength, ambiguous: false }
 }
 
 fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCapture, Truth) {
@@ -180,6 +181,7 @@ fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCaptu
             ("rail_mm".to_owned(), rail),
             ("wavelength_nm".to_owned(), wavelength),
         ]),
+        wavelength: None,
         solution: Ok(solution),
         seconds: StageSeconds { decode: 0.11, detect: 0.42, identify: 0.05, adjust: 0.18 },
     };
@@ -274,6 +276,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         methods: Method::USUAL.to_vec(),
         captures,
         translation: None,
+        side_by_side: vec![],
         drift: None,
         angles: None,
         scores: BTreeMap::new(),

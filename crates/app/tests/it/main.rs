@@ -24,3 +24,4 @@ mod score;
 mod stopping;
 mod stored;
 mod unsolvable;
+mod wavelength_use;
