@@ -129,11 +129,11 @@ fn where_the_wavelength_was_not_read_at_a_capture_it_is_held_interpolated_or_est
         assert!(line["wavelength_age_s"].as_f64().unwrap() > 1.0, "{line}");
     }
     let live = solutions(&solve(&lab, &["--wavelength", "live"]));
-    let held = live.iter().zip(&best).filter(|(live, best)| {
-        live["wavelength_source"] == "held"
-            && live["wavelength_u_nm"].as_f64() > best["wavelength_u_nm"].as_f64()
-    });
-    assert_eq!(held.count(), live.len(), "what is held is worth less");
+    for line in &live {
+        assert_eq!(line["wavelength_source"], "held", "{line}");
+        // Some seconds old: the meter alone has 0.01 nm.
+        assert!(line["wavelength_u_nm"].as_f64().unwrap() > 0.02, "{line}");
+    }
     let same = lab.beampose(&["sessions", "compare", "latest@1", "@4", "--json"]).json();
     assert_eq!(same["poses"]["virtual-camera"]["identical"], 8, "the bits of the run itself");
     let read = solutions(&solve(&lab, &["--wavelength", "read"]));

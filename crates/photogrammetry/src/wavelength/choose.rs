@@ -2,9 +2,9 @@
 //!
 //! Between two readings the wavelength is taken as a Brownian bridge whose variance the step between
 //! them tells: linear in time, with a standard uncertainty of `|step| sqrt(f (1 - f))` at the
-//! fraction f of the time between. Beyond the last reading nothing tells how far it went on: a diode
-//! that warms up moves by 0.4 nm in six minutes (section 4.2), and that is what a reading that old
-//! is worth.
+//! fraction f of the time between. Beside a single reading nothing tells its steps: it is taken to
+//! walk as far as a diode that warms up, 0.4 nm in six minutes (section 4.2), the variance in
+//! proportion to the time.
 
 use super::{UNREAD, Wavelength, WavelengthSource, WavelengthUse};
 use crate::scene::{Setup, WavelengthByTemperature};
@@ -140,7 +140,7 @@ fn around(samples: &[Sample], at_s: f64, past: bool) -> Option<Around> {
         }
         (Some(one), None) | (None, Some(one)) => {
             let age_s = (at_s - one.at_s).abs();
-            let u = Doubt::Age((age_s / FORGOTTEN_AFTER_S).min(1.0));
+            let u = Doubt::Age((age_s / FORGOTTEN_AFTER_S).min(1.0).sqrt());
             Some(Around { value: one.value, u, age_s })
         }
         (None, None) => None,

@@ -124,7 +124,7 @@ fn live_the_last_reading_is_held_and_worth_less_with_its_age() {
     let nm = [(40.0, 657.9), (64.0, 658.0), (160.0, 658.4)];
     let found = at_100_s(false, &nm, &[], WavelengthUse::Live);
     assert_eq!((found.source, found.nm, found.age_s), (WavelengthSource::Held, 658.0, Some(36.0)));
-    near(found.own_u_nm, 0.1 * UNREAD * 658.0);
+    near(found.own_u_nm, 0.1_f64.sqrt() * UNREAD * 658.0);
     // What comes later changes nothing.
     assert_eq!(found, at_100_s(false, &nm[..2], &[], WavelengthUse::Live));
     assert_eq!(found, at_100_s(false, &nm[..2], &[], WavelengthUse::Best), "nothing behind it");
