@@ -93,9 +93,14 @@ pub async fn side_by_side(
             all.push(Evaluation { processing: processing.id.0, label, method, result });
         }
     }
-    if wanted.is_empty() && all.len() > MOST {
-        // The newest say most of what is being done.
-        all.drain(..all.len() - MOST);
+    if wanted.is_empty() {
+        // The newest say most of what is being done, beside the one that is reported.
+        let mut over = all.len().saturating_sub(MOST);
+        all.retain(|one| {
+            let left_out = over > 0 && one.processing != loaded.processing.id.0;
+            over -= usize::from(left_out);
+            !left_out
+        });
     }
     Ok(all)
 }

@@ -43,7 +43,9 @@ fn ran(plan: &str, law: bool) -> Lab {
     lab.write_rig("drifting", &drifting_rig(law));
     lab.write("plan.yaml", plan);
     let run = ["run", "plan.yaml", "--rig", "rigs/drifting.yaml", "--picture-scale", SCALE];
-    lab.beampose(&[&run[..], &["--json", "--out", "report"]].concat()).expect_code(0);
+    // With few readings of a fast drift the plan's limits may be missed.
+    let ended = lab.beampose(&[&run[..], &["--json", "--out", "report"]].concat());
+    assert_eq!(ended.json()["captures"], 8, "{}", ended.err);
     lab
 }
 
@@ -85,11 +87,12 @@ fn calibration_correction_and_adjustment_each_gain_and_the_report_has_them_side_
     assert_eq!(methods(2), ["inter-beam-angles", "virtual-camera", "session-adjustment"]);
     assert_eq!([1, 5].map(|n| methods(n).len()), [0, 0], "shown once");
     for method in ["inter-beam-angles", "virtual-camera"] {
-        let [uncalibrated, nominal, corrected] = [3, 4, 2].map(|n| largest(&report, n, method));
-        assert!(uncalibrated > 1.0, "{method}: {uncalibrated}");
-        assert!(nominal < 0.75 * uncalibrated, "{method}: {nominal} of {uncalibrated}");
+        let [nominal, corrected] = [4, 2].map(|n| largest(&report, n, method));
         assert!(corrected < 0.5 * nominal, "{method}: {corrected} of {nominal}");
     }
+    // The angles take a fan as they are told; the virtual camera knows what the sheet is worth.
+    let [uncalibrated, nominal] = [3, 4].map(|n| largest(&report, n, "inter-beam-angles"));
+    assert!(uncalibrated > 1.0 && nominal < 0.75 * uncalibrated, "{nominal} of {uncalibrated}");
     let together = largest(&report, 2, "session-adjustment");
     assert!(together < 0.1, "{together}");
     assert_eq!(sources(&lab, 2, "virtual-camera"), serde_json::json!({ "read": 8 }));
