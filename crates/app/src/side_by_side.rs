@@ -133,7 +133,7 @@ fn kept(chosen: &[(Processing, ByMethod)], once: bool) -> BTreeSet<(ProcessingId
     for (processing, by_method) in order {
         for method in Method::ALL {
             let Some(rows) = by_method.get(method.name()) else { continue };
-            if once && seen.contains(&(method, rows.as_slice())) {
+            if once && seen.iter().any(|(m, of)| *m == method && same_poses(of, rows)) {
                 continue;
             }
             seen.push((method, rows));
@@ -141,6 +141,12 @@ fn kept(chosen: &[(Processing, ByMethod)], once: bool) -> BTreeSet<(ProcessingId
         }
     }
     kept
+}
+
+/// The same poses to the bit; what an earlier version did not record beside them does not count.
+fn same_poses(a: &[PoseRow], b: &[PoseRow]) -> bool {
+    let alike = |(a, b): (&PoseRow, &PoseRow)| a.capture == b.capture && a.pose == b.pose;
+    a.len() == b.len() && a.iter().zip(b).all(alike)
 }
 
 /// The stored result of a processing; where none was stored, it is analysed now.
