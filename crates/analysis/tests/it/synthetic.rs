@@ -141,7 +141,14 @@ fn result(method: Method, truth: &Truth, u_mm: [f64; 3], noise: &mut Noise) -> M
     };
     let (beams_used, sigma0) = (119, 1.0 + noise.normal(0.05));
     let wavelength_nm = 658.02 + noise.normal(0.003);
-    let (pose, wavelength) = (Ok(pose), None);
+    let known = Wavelength {
+        source: WavelengthSource::Read,
+        nm: wavelength_nm,
+        own_u_nm: 0.0,
+        common_u_nm: 0.01,
+        age_s: None,
+    };
+    let (pose, wavelength) = (Ok(pose), Some(known));
     MethodResult { method, pose, beams_used, sigma0, wavelength_nm, wavelength, ambiguous: false }
 }
 
