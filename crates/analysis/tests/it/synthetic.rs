@@ -18,7 +18,7 @@ use beampose_photogrammetry::rotation::{from_omega_phi_kappa, wxyz};
 use beampose_photogrammetry::solve::{
     CameraSolution, CaptureSolution, Method, MethodResult, Observation, StageSeconds, Subject,
 };
-use beampose_photogrammetry::{GrayImage, Order};
+use beampose_photogrammetry::{GrayImage, Order, Wavelength, WavelengthSource};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
