@@ -16,6 +16,7 @@ mod fit;
 mod numbers;
 pub mod report;
 pub mod score;
+pub mod side_by_side;
 pub mod translation;
 mod verdict;
 pub mod wavelength_drift;
@@ -32,6 +33,7 @@ pub use report::{
 };
 pub use score::{FanScore, score_fan};
 pub use score::{MethodScore, ScoredCapture, Truth, score};
+pub use side_by_side::{Evaluation, side_by_side_csv};
 pub use translation::{
     DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,
     translation,

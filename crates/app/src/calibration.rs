@@ -8,7 +8,7 @@ use beampose_photogrammetry::camera::read_camera_info;
 use beampose_photogrammetry::pattern::read_pattern_with;
 use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Pattern, Setup,
-    TieTargets,
+    TieTargets, WavelengthByTemperature,
 };
 use beampose_plan::Rig;
 use beampose_plan::rig::instruments::Camera;
@@ -78,7 +78,24 @@ fn measurement(rig: &Rig, pattern: Pattern, cameras: BTreeMap<String, Calibrated
             within_deg: p.within.0,
         }),
         wavelength_u_nm,
+        wavelength_by_temperature: by_temperature(rig),
     }
+}
+
+/// How the wavelength follows the diode's temperature, where the rig says.
+fn by_temperature(rig: &Rig) -> Option<WavelengthByTemperature> {
+    let law = rig.measurement.wavelength_from_temperature.as_ref()?;
+    let thermometer = rig.sensors().find(|(name, _)| **name == law.of.value);
+    let u = thermometer.and_then(|(_, sensor)| sensor.u.as_ref());
+    Some(WavelengthByTemperature {
+        thermometer: law.of.value.as_str().to_owned(),
+        at_degc: law.at.0,
+        wavelength_nm: law.wavelength.0,
+        wavelength_u_nm: law.wavelength_u.0,
+        per_degree_nm: law.per_degree.0,
+        per_degree_u_nm: law.per_degree_u.0,
+        temperature_u_degc: u.map_or(0.0, |u| u.value.number()),
+    })
 }
 
 /// Standard uncertainty of a wavelength reading, nanometres, where the rig declares one.

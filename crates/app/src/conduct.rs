@@ -386,6 +386,9 @@ fn last_words(ending: Ending, input: &ReportInput) -> String {
     if let Some(result) = &input.translation {
         lines.push(positions(result));
     }
+    if let Some(rig_lines) = input.drift.as_ref().and_then(|drift| drift.rig_lines.as_ref()) {
+        lines.push(format!("for the rig, below `measurement:`\n{}", rig_lines.trim_end()));
+    }
     lines.join("\n")
 }
 

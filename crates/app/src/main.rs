@@ -29,7 +29,9 @@ mod rig_lock;
 mod session_lock;
 mod session_report;
 mod settings;
+mod side_by_side;
 mod truth;
+mod wavelengths;
 mod wiring;
 
 use std::process::ExitCode;

@@ -83,7 +83,11 @@ impl OtherInputs {
 }
 
 fn text(file: &Path, what: &str) -> Result<String, String> {
-    referred(Path::new(""), &file.display().to_string(), what)
+    // Whoever names a file on the command line may name any.
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let name =
+        file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    referred(folder, &name, what)
 }
 
 /// A pattern file.

@@ -101,7 +101,8 @@ pub struct CaptureRecord {
     pub id: CaptureId,
     /// Where every axis was told to be, keyed as `rail_mm`; also loop counters such as `pass`.
     pub setpoints: std::collections::BTreeMap<String, f64>,
-    /// What the axes and sensors read nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
+    /// What the axes and sensors read nearest to the trigger, keyed as `rail_mm`, `wavemeter_nm`; of
+    /// a quantity that one sensor alone read also as `wavelength_nm`.
     pub readings: std::collections::BTreeMap<String, f64>,
     /// The pictures, in the order of the cameras' names.
     pub pictures: Vec<Picture>,

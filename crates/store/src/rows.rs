@@ -213,6 +213,14 @@ pub struct PoseRow {
     pub sigma0: f64,
     /// The wavelength used, nanometres in vacuum; not a number where there is none.
     pub wavelength_nm: f64,
+    /// Whence the wavelength was known before: `read`, `interpolated` and so on; `None` where
+    /// nothing recorded it.
+    pub wavelength_source: Option<String>,
+    /// Its standard uncertainty then, nanometres.
+    pub wavelength_u_nm: Option<f64>,
+    /// Seconds between the capture and the nearest reading that was used; `None` where that was
+    /// taken at the capture, or none was used.
+    pub wavelength_age_s: Option<f64>,
     /// True where the prior decided between labellings.
     pub ambiguous: bool,
 }

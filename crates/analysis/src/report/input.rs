@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use beampose_core::{
     CaptureId, Identity, InstrumentName, Pose, Quantity, Reading, SessionId, SessionOutcome, Stamp,
 };
-use beampose_photogrammetry::GrayImage;
 use beampose_photogrammetry::solve::{CaptureSolution, Method, MethodResult, StageSeconds};
+use beampose_photogrammetry::{GrayImage, Wavelength};
 use serde::Serialize;
 
 use crate::beam_angles::BeamAngles;
 use crate::score::MethodScore;
+use crate::side_by_side::Evaluation;
 use crate::translation::TranslationResult;
 use crate::verdict::Verdict;
 use crate::wavelength_drift::WavelengthDrift;
@@ -32,6 +33,9 @@ pub struct ReportInput {
     pub captures: Vec<ReportCapture>,
     /// The result, if the experiment is a translation test.
     pub translation: Option<TranslationResult>,
+    /// The session evaluated in several ways, if it is a translation test that was; in the order in
+    /// which they are shown, those of one processing together.
+    pub side_by_side: Vec<Evaluation>,
     /// The result and its series, if the experiment is a wavelength drift.
     pub drift: Option<WavelengthDrift>,
     /// The fan, if the experiment is a beam-angle calibration.
@@ -98,6 +102,9 @@ pub struct ReportCapture {
     pub setpoints: BTreeMap<String, f64>,
     /// Readings nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
     pub readings: BTreeMap<String, f64>,
+    /// What is known of the wavelength there when all captures are adjusted together; `None` where
+    /// nobody says.
+    pub wavelength: Option<Wavelength>,
     /// What solving gave, or why nothing was solved at all.
     pub solution: Result<CaptureSolution, String>,
     /// Where the time went; zeros where nobody looked at a clock.

@@ -21,11 +21,12 @@ fn every_line_of_the_poses_has_every_column() {
     let text = poses_csv(&input.captures);
     let lines: Vec<_> = text.lines().map(fields).collect();
     assert_eq!(lines.len(), 1 + 2 * 3 + 1);
-    assert!(lines.iter().all(|l| l.len() == 1 + 2 + 21 + 21), "{text}");
+    assert!(lines.iter().all(|l| l.len() == 1 + 2 + 24 + 21), "{text}");
     assert_eq!(lines[0][..5], ["id", "pass", "rail_mm", "method", "status"]);
     assert_eq!(lines[1][..5], ["p000", "1", "0", "inter-beam-angles", "solved"]);
     assert_eq!(lines[7][4], "cam_a; cam_b: dark");
     let column = |name: &str| lines[0].iter().position(|h| h == name).unwrap();
+    assert_eq!(lines[1][column("wavelength_source")], "read");
     let number = |name: &str| lines[1][column(name)].parse::<f64>().unwrap();
     // The stated standard uncertainty of z at the first stop, and its square on the diagonal.
     assert!((number("u_z_mm") - 0.09).abs() < 1e-12 && (number("c33") - 0.0081).abs() < 1e-12);

@@ -20,7 +20,7 @@ use beampose_photogrammetry::rotation::{from_omega_phi_kappa, wxyz};
 use beampose_photogrammetry::solve::{
     CameraSolution, CaptureSolution, Method, MethodResult, Observation, StageSeconds, Subject,
 };
-use beampose_photogrammetry::{GrayImage, Order};
+use beampose_photogrammetry::{GrayImage, Order, Wavelength, WavelengthSource};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -143,7 +143,15 @@ fn result(method: Method, truth: &Truth, u_mm: [f64; 3], noise: &mut Noise) -> M
     };
     let (beams_used, sigma0) = (119, 1.0 + noise.normal(0.05));
     let wavelength_nm = 658.02 + noise.normal(0.003);
-    MethodResult { method, pose: Ok(pose), beams_used, sigma0, wavelength_nm, ambiguous: false }
+    let known = Wavelength {
+        source: WavelengthSource::Read,
+        nm: wavelength_nm,
+        own_u_nm: 0.0,
+        common_u_nm: 0.01,
+        age_s: None,
+    };
+    let (pose, wavelength) = (Ok(pose), Some(known));
+    MethodResult { method, pose, beams_used, sigma0, wavelength_nm, wavelength, ambiguous: false }
 }
 
 fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCapture, Truth) {
@@ -182,6 +190,7 @@ fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCaptu
             ("rail_mm".to_owned(), rail),
             ("wavelength_nm".to_owned(), wavelength),
         ]),
+        wavelength: None,
         solution: Ok(solution),
         seconds: StageSeconds { decode: 0.11, detect: 0.42, identify: 0.05, adjust: 0.18 },
     };
@@ -276,6 +285,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         methods: Method::USUAL.to_vec(),
         captures,
         translation: None,
+        side_by_side: vec![],
         drift: None,
         angles: None,
         scores: BTreeMap::new(),

@@ -123,6 +123,7 @@ pub fn read(folder: &Folder) -> Result<ForeignSession, Faults> {
         tie_targets,
         module_prior,
         wavelength_u_nm: WAVELENGTH_U_NM,
+        wavelength_by_temperature: None,
     };
     let text = source.text().to_owned();
     Ok(ForeignSession { title: file.title, setup, files, captures, text })

@@ -25,5 +25,6 @@ mod score;
 mod stopping;
 mod stored;
 mod unsolvable;
+mod wavelength_use;
 #[cfg(unix)]
 mod wires;

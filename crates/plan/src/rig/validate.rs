@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use beampose_core::InstrumentName;
+use beampose_core::{InstrumentName, Quantity};
 
 use super::instruments::{Instrument, Sensor};
 use super::measurement::{Goniometer, Measurement};
@@ -33,6 +33,9 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     let mut codes = BTreeMap::new();
     if let Some(measurement) = &file.measurement.0 {
         artefact(measurement, &mut codes, reader);
+        if let Some(law) = &measurement.wavelength_from_temperature {
+            thermometer_on_the_diode(&law.of, &instruments.value, reader);
+        }
         if let Some(goniometer) = &measurement.goniometer {
             goniometer_of(goniometer, &instruments.value, reader);
         }
@@ -94,6 +97,19 @@ fn sensor_of(sensor: &Sensor, instruments: &Instruments, reader: &mut Reader) {
     let Some(of) = &sensor.of else { return };
     let is_laser = |at: &At<Instrument>| matches!(at.value, Instrument::Laser(_));
     named_instrument(of, "laser", &is_laser, instruments, reader);
+}
+
+/// What tells the wavelength by its temperature is a thermometer on a laser.
+fn thermometer_on_the_diode(
+    named: &At<InstrumentName>,
+    instruments: &Instruments,
+    reader: &mut Reader,
+) {
+    let fits = |at: &At<Instrument>| match &at.value {
+        Instrument::Sensor(sensor) => sensor.reads == Quantity::Temperature && sensor.of.is_some(),
+        _ => false,
+    };
+    named_instrument(named, "thermometer of a laser", &fits, instruments, reader);
 }
 
 fn virtual_time_needs_simulation(

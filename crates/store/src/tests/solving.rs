@@ -39,6 +39,9 @@ fn row(method: &str, pose: Result<Pose, String>) -> PoseRow {
         beams_used: 117,
         sigma0: 1.05,
         wavelength_nm: 658.02,
+        wavelength_source: Some("interpolated".to_owned()),
+        wavelength_u_nm: Some(0.03),
+        wavelength_age_s: Some(12.5),
         ambiguous: true,
     }
 }

@@ -48,7 +48,7 @@ impl Pattern {
         all.retain(|c| c.solution.is_ok());
         let captures = all.len();
         let found = tokio::task::spawn_blocking(move || {
-            let solved = solved_captures(&all).unwrap_or_default();
+            let solved = solved_captures(&setup, &all).unwrap_or_default();
             calibrate_from_session(&setup, &solved, prior)
         })
         .await?
