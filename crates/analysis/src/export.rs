@@ -15,7 +15,8 @@ use crate::wavelength_drift::SeriesPoint;
 /// The session's result as one JSON object: `experiment`, `verdict`, `reasons`, `captures`,
 /// `solved`, `methods`, `limits` as [`TranslationResult`] has them (without a translation test
 /// `methods` has the number of solved captures only; a wavelength drift adds the members of
-/// [`crate::WavelengthDriftResult`]), then `title`, `session`, `processing` and,
+/// [`crate::WavelengthDriftResult`]), then `title`, `session`, `processing`, `inputs` (the files
+/// that solving was told, and the recorded calibrations that they are) and,
 /// where there are any, `interruptions` and, where the truth is known, `scores`.
 ///
 /// # Errors
@@ -46,6 +47,7 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
     put("title", json!(input.title));
     put("session", json!(input.provenance.session));
     put("processing", json!(input.provenance.processing));
+    put("inputs", serde_json::to_value(&input.provenance.inputs)?);
     if !input.interruptions.is_empty() {
         let all = input.interruptions.iter().map(|one| {
             json!({

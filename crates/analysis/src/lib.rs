@@ -24,7 +24,7 @@ pub use beam_angles::{BeamAngleLimits, BeamAngles, BeamAnglesInput, beam_angles}
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv, series_csv};
-pub use fan_export::{fan_json, nearest_grid, session_fan_json};
+pub use fan_export::{fan_json, nearest_grid, nearest_grid_covariance, session_fan_json};
 pub use fit::LineFit;
 pub use report::{
     CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, SessionFanReport,

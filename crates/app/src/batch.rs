@@ -20,6 +20,7 @@ use beampose_store::{
 use futures::StreamExt as _;
 use tokio::sync::Semaphore;
 
+use crate::calibration::MeasuredWith;
 use crate::pipeline::{Pipeline, Solved, adjusted, described, of_captures, solution_of};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
@@ -75,14 +76,17 @@ impl Job {
         store: &Store,
         session: SessionId,
         methods: &[Method],
-        told: Option<Setup>,
+        told: Option<MeasuredWith>,
     ) -> anyhow::Result<Self> {
         let stored = store.session(session).await?.header.measurement_json;
+        let mut files = Vec::new();
         let (setup, told) = match told {
-            Some(setup) => {
-                let json = serde_json::to_string(&setup)?;
+            Some(told) => {
+                let json = serde_json::to_string(&told.setup)?;
                 // Told the same, it is the same processing.
-                (setup, Some(json).filter(|json| *json != stored))
+                let json = Some(json).filter(|json| *json != stored);
+                files = if json.is_some() { told.files } else { files };
+                (told.setup, json)
             }
             None => {
                 let setup = serde_json::from_str(&stored)
@@ -92,7 +96,8 @@ impl Job {
         };
         let begun = |methods: &[Method]| {
             let new = described(session, methods, told.as_ref().unwrap_or(&stored));
-            Stage::new(NewProcessing { measurement_json: told.clone(), ..new })
+            let (measurement_json, files) = (told.clone(), files.clone());
+            Stage::new(NewProcessing { measurement_json, files, ..new })
         };
         let alone = of_captures(methods);
         let together = methods

@@ -13,6 +13,7 @@ use beampose_store::{Store, StoredCapture};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tracing::Instrument as _;
 
+use crate::calibration_record::{record_run, told};
 use crate::cli::report::exit_of;
 use crate::cli::sessions::plain_table;
 use crate::cli::solve::solve_session;
@@ -312,6 +313,7 @@ async fn conclude(
         let row = beampose_store::ResultRow { processing, created, result_json };
         store.save_result(&row).await?;
     }
+    let recorded = record_run(store, &input, &loaded.session.header).await?;
     if let Some(command) = &shown.notify {
         let hook = Hook::new(command, id);
         let report = written.html.display().to_string();
@@ -327,11 +329,15 @@ async fn conclude(
                 "verdict": input.verdict.as_str(),
                 "captures": ending.captures,
                 "report": written.html.display().to_string(),
+                "calibration": recorded.map(|record| record.head.blake3),
             })
             .to_string(),
         );
     } else {
         print(&last_words(ending, &input));
+        if let Some(record) = &recorded {
+            print(&told(record));
+        }
         print(&format!("report   {}", written.html.display()));
     }
     Ok(match ending.outcome {

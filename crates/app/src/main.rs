@@ -4,6 +4,7 @@
 mod angle_report;
 mod batch;
 mod calibration;
+mod calibration_record;
 mod camera_calibration;
 mod cli;
 mod conduct;
@@ -17,6 +18,7 @@ mod journal_notes;
 mod log;
 mod notify;
 mod operator;
+mod origins;
 mod other_inputs;
 mod output;
 mod pipeline;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use beampose_core::{CaptureId, InstrumentName, SessionId};
+use beampose_core::{CaptureId, InstrumentName, SessionId, UsedFile};
 use beampose_photogrammetry::sight::{Stage, sight_all};
 use beampose_photogrammetry::solve::{
     CaptureSolution, Method, MethodResult, SessionSolution, StageSeconds, solve_capture,
@@ -59,6 +59,7 @@ pub fn described(session: SessionId, methods: &[Method], measurement_json: &str)
         options_json: serde_json::json!({ "methods": names }).to_string(),
         lineage_json: serde_json::json!({ "measurement_blake3": hash.as_str() }).to_string(),
         measurement_json: None,
+        files: Vec::new(),
         batch: None,
     }
 }
@@ -205,6 +206,7 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
     let joint = adjusted(loaded).await?;
     let mut new = described(id, &methods, &serde_json::to_string(&*joint.setup)?);
     new.measurement_json.clone_from(&joint.told);
+    new.files.clone_from(&joint.files);
     let processing = store.start_processing(&new).await?;
     let solved = joint.save(store, processing).await?;
     store.finish_processing(processing, jiff::Timestamp::now()).await?;
@@ -216,6 +218,8 @@ pub struct Adjusted {
     setup: Arc<Setup>,
     /// What solving was told, where that is not what the session was run with.
     told: Option<String>,
+    /// The files that it was read from.
+    files: Vec<UsedFile>,
     solved: Vec<Solved>,
 }
 
@@ -230,9 +234,9 @@ pub async fn adjusted(loaded: Loaded) -> anyhow::Result<Adjusted> {
         let joint = crate::session_report::adjust_together(&loaded.setup, &loaded.captures)
             .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?;
         let share = before.elapsed().as_secs_f64() / loaded.captures.len().max(1) as f64;
-        let told = loaded.processing.start.measurement_json.clone();
         let solved = with_joint(&loaded, joint, share);
-        Ok(Adjusted { setup: Arc::new(loaded.setup), told, solved })
+        let NewProcessing { measurement_json: told, files, .. } = loaded.processing.start;
+        Ok(Adjusted { setup: Arc::new(loaded.setup), told, files, solved })
     })
     .await?
 }

@@ -25,6 +25,7 @@ use crate::angle_report::{self, Angles};
 use crate::drift_report::{self, Series};
 use crate::interruptions::interruptions;
 use crate::journal_notes::{notes, out_of_limits};
+use crate::origins::{files_of, origins};
 use crate::pipeline::{SOFTWARE, solution_of};
 
 /// A stored session with one of its processings.
@@ -437,6 +438,7 @@ async fn provenance(store: &Store, loaded: &Loaded) -> anyhow::Result<Provenance
         processed_with: start.software.clone(),
         options,
         hashes,
+        inputs: origins(store, files_of(&loaded.session, &loaded.processing)).await?,
         seed: header.seed,
         instruments: instruments(store, header.id).await?,
         plan_text: header.plan_text.clone(),

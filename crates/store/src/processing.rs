@@ -8,6 +8,7 @@ use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::error::failed_to;
+use crate::inputs::insert_files;
 use crate::rows::{NewProcessing, PoseRow, Processing, ProcessingId, ResultRow, SolutionRow};
 use crate::stamp::{count, damaged, from_json, session_id, timestamp, to_json};
 use crate::writer::begin;
@@ -151,7 +152,13 @@ impl Store {
         .fetch_all(&self.readers)
         .await
         .map_err(failed_to("read the processings"))?;
-        rows.into_iter().map(ProcessingColumns::processing).collect()
+        let mut files = self.files_of_processings(session).await?;
+        let with_files = |columns: ProcessingColumns| {
+            let mut processing = columns.processing()?;
+            processing.start.files = files.remove(&processing.id).unwrap_or_default();
+            Ok(processing)
+        };
+        rows.into_iter().map(with_files).collect()
     }
 
     /// The newest finished processing of a session; the newest of all where none is finished.
@@ -279,9 +286,11 @@ async fn insert_processing(
     .bind(&new.lineage_json)
     .bind(&new.measurement_json)
     .bind(&new.batch)
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
-    Ok(ProcessingId(inserted.last_insert_rowid()))
+    let id = ProcessingId(inserted.last_insert_rowid());
+    insert_files(connection, new.session, Some(id), &new.files).await?;
+    Ok(id)
 }
 
 async fn insert_pose(
@@ -355,6 +364,7 @@ impl ProcessingColumns {
                 options_json: self.options_json,
                 lineage_json: self.lineage_json,
                 measurement_json: self.measurement_json,
+                files: Vec::new(),
                 batch: self.batch,
             },
         })

@@ -147,6 +147,8 @@ pub struct Provenance {
     pub options: BTreeMap<String, String>,
     /// Hashes by what they are of: `plan`, `inputs`, `calibration`.
     pub hashes: BTreeMap<String, String>,
+    /// The files that solving was told, and where they come from.
+    pub inputs: Vec<InputOrigin>,
     /// The simulation's seed, if simulated.
     pub seed: Option<u64>,
     /// The instruments and what they said of themselves.
@@ -155,6 +157,63 @@ pub struct Provenance {
     pub plan_text: String,
     /// The rig's text as run; empty for an imported session.
     pub rig_text: String,
+}
+
+/// A file that solving was told.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct InputOrigin {
+    /// The camera that it calibrates; `None` for the pattern.
+    pub camera: Option<String>,
+    /// Its name.
+    pub file: String,
+    /// BLAKE3 of its bytes.
+    pub blake3: String,
+    /// The recorded calibration that it is, if it is one.
+    pub calibration: Option<CalibrationOrigin>,
+}
+
+/// A recorded calibration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CalibrationOrigin {
+    /// What it is known by: BLAKE3 of its file.
+    pub blake3: String,
+    /// Its name.
+    pub name: String,
+    /// How it was made.
+    pub method: String,
+    /// When, RFC 3339.
+    pub created_utc: String,
+    /// The program's version.
+    pub software: String,
+    /// From what.
+    pub made_from: Vec<SourceOrigin>,
+}
+
+/// What a calibration was made from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum SourceOrigin {
+    /// A session.
+    Session {
+        /// Its id.
+        session: String,
+        /// Its title.
+        title: String,
+        /// BLAKE3 over its expanded steps.
+        plan_blake3: String,
+        /// When the processing was begun that it was made from, RFC 3339; `None` where readings
+        /// alone were used.
+        processing_utc: Option<String>,
+        /// Where the session is now: `stored`, `deleted` and when, `not in this database`.
+        state: String,
+    },
+    /// A file.
+    File {
+        /// Its name.
+        name: String,
+        /// BLAKE3 of its bytes.
+        blake3: String,
+    },
 }
 
 impl ReportCapture {

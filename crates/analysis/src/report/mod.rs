@@ -29,7 +29,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
 pub use fan::{FanReport, SessionFanReport, fan_html, session_fan_html};
 pub use input::{
-    Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
+    CalibrationOrigin, InputOrigin, Interruption, Provenance, RedoneStep, ReportCapture,
+    ReportInput, ReportPicture, SourceOrigin, Trace,
 };
 pub use stability::{stability_html, verdict as stability_verdict};
 

@@ -47,6 +47,12 @@ fn the_json_says_verdict_and_counts_with_and_without_an_analysis() {
     {
         assert!(!value[key].is_null(), "{key}");
     }
+    let made_from = &value["inputs"][0]["calibration"]["made_from"][0];
+    assert_eq!(
+        (&made_from["kind"], &made_from["processing_utc"]),
+        (&"session".into(), &serde_json::Value::Null)
+    );
+    assert!(value["inputs"][1]["calibration"].is_null());
     assert_eq!(value["limits"]["max_abs_difference_mm"]["virtual-camera"], 0.5);
     let bare = json(&around(session(&SIZE).captures)).unwrap();
     assert_eq!((&bare["captures"], &bare["solved"]), (&4.into(), &4.into()));

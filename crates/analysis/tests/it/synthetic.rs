@@ -5,7 +5,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
+use beampose_analysis::report::{
+    CalibrationOrigin, InputOrigin, Provenance, ReportCapture, ReportPicture, SourceOrigin, Trace,
+};
 use beampose_analysis::{
     DistanceRule, Limits, ReportInput, ScoredCapture, StatedScale, TranslationInput, TravelCapture,
     Truth, Verdict, score, translation,
@@ -290,6 +292,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
             processed_with: "beampose 0.1.0".to_owned(),
             options: text([("methods", "inter-beam-angles, virtual-camera"), ("outlier limit", "4 sigma")]),
             hashes: text([("inputs", "b3:7d2f41c09a6e55e1"), ("plan", "b3:0f8e2a77c41b9d36")]),
+            inputs: inputs(),
             seed: Some(11),
             instruments: BTreeMap::from([
                 ("cam_a".into(), identity("simulated camera")),
@@ -301,6 +304,36 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         interruptions: vec![],
         notes: vec!["the laser warmed up for 10 min before the first capture".to_owned()],
     }
+}
+
+/// A fan calibrated in a session that is gone, and a camera of which nothing is known.
+fn inputs() -> Vec<InputOrigin> {
+    let session = SourceOrigin::Session {
+        session: "0193458a-0000-7000-8000-000000000001".to_owned(),
+        title: "beam angles <monday>".to_owned(),
+        plan_blake3: "00ff".repeat(16),
+        processing_utc: None,
+        state: "deleted 2026-11-20T08:30:00Z".to_owned(),
+    };
+    let csv = SourceOrigin::File { name: "measured.csv".to_owned(), blake3: "0f1e".repeat(16) };
+    let fan = CalibrationOrigin {
+        blake3: "7d2f".repeat(16),
+        name: "fan".to_owned(),
+        method: "rotation stage".to_owned(),
+        created_utc: "2026-11-19T08:30:00Z".to_owned(),
+        software: "beampose 0.1.0".to_owned(),
+        made_from: vec![session, csv],
+    };
+    let input = |camera: Option<&str>, file: &str, calibration: Option<CalibrationOrigin>| {
+        let blake3 = if camera.is_none() { "7d2f" } else { "41c0" }.repeat(16);
+        InputOrigin {
+            camera: camera.map(str::to_owned),
+            file: file.to_owned(),
+            blake3,
+            calibration,
+        }
+    };
+    vec![input(None, "fan.yaml", Some(fan)), input(Some("cam_a"), "cam_a.yaml", None)]
 }
 
 fn pictures(size: &Size, capture: &ReportCapture) -> Vec<ReportPicture> {

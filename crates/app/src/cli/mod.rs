@@ -1,6 +1,7 @@
 //! The command line. Each command is a file here and a line in `Command`.
 
 mod calibrate;
+mod calibrations;
 mod check;
 mod export;
 mod filter;
@@ -74,6 +75,7 @@ enum Command {
     Report(report::Report),
     Score(score::Score),
     Calibrate(calibrate::Calibrate),
+    Calibrations(calibrations::Calibrations),
     Targets(targets::Targets),
     Rig(rig::Rig),
     SimInstruments(rig::simulate::SimInstruments),
@@ -171,6 +173,7 @@ pub fn main() -> ExitCode {
     let ended = match cli.command {
         Command::Check(check) => with_runtime(check.execute()),
         Command::Calibrate(calibrate) => with_runtime(calibrate.execute()),
+        Command::Calibrations(calibrations) => with_runtime(calibrations.execute()),
         Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Resume(resume) => with_runtime(resume.execute()),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use beampose_analysis::Verdict;
 
 use super::{Database, Ended, close, find, report_folder};
+use crate::calibration_record::record_run;
 use crate::output::{Exit, print};
 use crate::session_report::{input, load, write};
 
@@ -36,6 +37,7 @@ impl Report {
             print(&beampose_analysis::json(&input)?.to_string());
         } else {
             let written = write(&input, &report_folder(self.out.as_ref(), id))?;
+            record_run(&store, &input, &loaded.session.header).await?;
             if self.json {
                 print(&written.json.to_string());
             } else {

@@ -75,6 +75,7 @@ fn header(
         plan_text: checked.plan.source.text().to_owned(),
         rig_text: checked.rig.source.text().to_owned(),
         measurement_json: serde_json::to_string(&laboratory.setup)?,
+        files: laboratory.files.clone(),
         plan_hash: checked.summary.plan_hash.clone(),
         origin_json: Some(serde_json::to_string(origin)?),
         software: SOFTWARE.to_owned(),

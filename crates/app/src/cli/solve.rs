@@ -12,6 +12,7 @@ use beampose_store::{SessionSummary, Store};
 use super::filter::Filter;
 use super::{Database, Ended, close, find};
 use crate::batch::{Batch, Job, Outcome, Work};
+use crate::calibration::MeasuredWith;
 use crate::other_inputs::{Inputs, OtherInputs};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::{Pipeline, Solved};
@@ -205,9 +206,10 @@ async fn job(
     let told = if inputs.is_none() {
         None
     } else {
-        let json = store.session(id).await?.header.measurement_json;
-        let setup = serde_json::from_str(&json)?;
-        Some(inputs.instead(setup).map_err(anyhow::Error::msg)?)
+        let header = store.session(id).await?.header;
+        let setup = serde_json::from_str(&header.measurement_json)?;
+        let own = MeasuredWith { setup, files: header.files };
+        Some(inputs.instead(own).map_err(anyhow::Error::msg)?)
     };
     Job::new(store, id, methods, told).await
 }

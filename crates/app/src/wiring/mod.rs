@@ -17,16 +17,16 @@ use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
 use beampose_core::{
-    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, VirtualClock,
+    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, UsedFile, VirtualClock,
 };
 use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
-use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
+use beampose_plan::{Action, At, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
-    BeamConfig, CameraConfig, DiodeConfig, HopAt, ModeHop, ModuleConfig, PictureConfig,
-    PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig,
-    TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
+    BeamConfig, CameraConfig, DiodeConfig, HopAt, MirrorConfig, ModeHop, ModuleConfig,
+    PictureConfig, PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig,
+    StageConfig, TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::faults::Faults;
 use beampose_virtual_lab::{
@@ -105,6 +105,8 @@ pub struct Laboratory {
     pub world: Option<Arc<World>>,
     /// What solving is told: calibrations at the size that pictures have.
     pub setup: Setup,
+    /// The files that it was read from.
+    pub files: Vec<UsedFile>,
     /// What goes wrong on demand.
     pub faults: Option<Arc<Faults>>,
     /// The lines to instruments that real drivers speak to, and their simulators.
@@ -212,7 +214,7 @@ pub fn laboratory(
     recorder: Option<Arc<Recorder>>,
 ) -> Result<Laboratory, String> {
     // Calibrations at full picture size.
-    let setup = calibration::setup(rig, folder)?;
+    let calibration::MeasuredWith { setup, files } = calibration::setup(rig, folder)?;
     let unknown = rig.unknown_drivers(beampose_drivers::known);
     if !unknown.is_empty() {
         return Err(unknown.to_string());
@@ -237,7 +239,7 @@ pub fn laboratory(
     if let Some(faults) = &faults {
         bench = faults::faulty(bench, faults);
     }
-    Ok(Laboratory { bench, clock, world, setup, faults, wires })
+    Ok(Laboratory { bench, clock, world, setup, files, faults, wires })
 }
 
 /// The simulated world of a rig that has one.
@@ -274,7 +276,7 @@ impl Simulators {
 /// # Errors
 /// Which file is at fault, or which simulator cannot be had, and why, for people.
 pub fn simulators(rig: &Rig, folder: &Path) -> Result<Simulators, String> {
-    let setup = calibration::setup(rig, folder)?;
+    let setup = calibration::setup(rig, folder)?.setup;
     let mut wired = wires::wired(rig).map_err(|faults| faults.to_string())?;
     wired.retain(wires::Wired::asks_for_simulator);
     let world = world(rig, folder, &setup, &Before::default())?;
@@ -382,6 +384,7 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
                 half_size_mm: None,
             })
             .collect(),
+        mirrors: simulation.mirrors.iter().flatten().map(mirror).collect(),
         targets: targets(simulation, setup),
         artefact_scale_relative_u: setup.artefact.scale_relative_u,
         cameras: cameras(rig, simulation, setup)?,
@@ -498,6 +501,14 @@ fn mode_hop(hop: &rig::simulation::ModeHop) -> ModeHop {
         rig::simulation::HopAt::Temperature(temperature) => HopAt::DiodeDegc(temperature.0),
     };
     ModeHop { at, by_nm: hop.by.0 }
+}
+
+fn mirror(mirror: &At<rig::simulation::Mirror>) -> MirrorConfig {
+    MirrorConfig {
+        point_mm: mirror.value.point.map(|x| x.0),
+        normal: mirror.value.normal.value,
+        half_size_mm: mirror.value.half_size.map(|x| x.0),
+    }
 }
 
 /// Grey levels at full scale.

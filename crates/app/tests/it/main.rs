@@ -13,6 +13,7 @@ mod drift;
 mod exchange;
 mod fault_matrix;
 mod lab;
+mod lineage;
 mod other_pictures;
 mod plans;
 mod repeating;

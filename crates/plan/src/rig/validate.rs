@@ -208,6 +208,8 @@ fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &
     }
     let normals = simulation.walls.iter().map(|wall| &wall.value.normal);
     let turntable = simulation.module.turntable.iter().map(|turntable| &turntable.direction);
+    let mirrors = simulation.mirrors.iter().flatten().map(|mirror| &mirror.value.normal);
+    let normals = normals.chain(mirrors);
     for direction in normals.chain([&simulation.module.direction]).chain(turntable) {
         if direction.value == [0.0; 3] {
             reader.fault(direction.mark, "a direction must not be zero");
