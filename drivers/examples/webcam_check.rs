@@ -1,9 +1,10 @@
 //! The webcam driver before the kernel's test camera: run by `.ci/vivid` as the one program of a
 //! small system, with `v4l2-ctl` as the other hand on the same controls. Prints PASS.
 //!
-//! That a picture is not an old one is seen in it: the test picture is changed right before. That it
-//! did not only end but begin after its trigger is seen by the time that it takes, at one frame in a
-//! second.
+//! The test picture is changed right before each trigger, and must be seen in the picture. That a
+//! frame which began before the trigger is passed over cannot be seen here, because vivid makes a
+//! frame in no time and hands it out before the end that it stamps on it: a test beside the driver
+//! sees to that.
 
 use std::collections::BTreeMap;
 use std::process::Command;
@@ -130,31 +131,6 @@ fn pictures_are_of_their_triggers(format: &str, shots: usize) -> Done {
     Ok(())
 }
 
-/// A frame that is under way does not count: at one frame in a second, stamped at its end, the next
-/// whole one ends a second or more after the trigger. Without that, it would come after 0.4 s.
-fn frames_begin_after_the_trigger() -> Done {
-    let device = "/dev/video0";
-    v4l2_ctl(device, &["--set-fmt-video=width=320,height=180,pixelformat=GREY"])?;
-    v4l2_ctl(device, &["--set-parm=1"])?;
-    let size = [("format", "GREY"), ("width", "320"), ("height", "180")];
-    let it = camera(device, &size, None)?;
-    run(it.trigger())?;
-    let mut all = Vec::new();
-    for _ in 0..4 {
-        std::thread::sleep(Duration::from_millis(600));
-        let frame = run(it.trigger())?;
-        means(&frame.bytes, (320, 180))?;
-        all.push((frame.delivered.monotonic - frame.requested.monotonic).as_secs_f64());
-    }
-    drop(it);
-    v4l2_ctl(device, &["--set-parm=30"])?;
-    println!("one frame in a second: from trigger to picture {all:.2?} s");
-    if all.iter().any(|took| *took < 1.0) {
-        return Err("a frame began before its trigger".to_owned());
-    }
-    Ok(())
-}
-
 fn controls_are_locked() -> Done {
     let device = "/dev/video0";
     v4l2_ctl(device, &["-c", "gain_automatic=1"])?;
@@ -205,7 +181,6 @@ fn main() {
     let done = pictures_are_of_their_triggers("YUYV", 10)
         .and_then(|()| pictures_are_of_their_triggers("RGB3", 5))
         .and_then(|()| pictures_are_of_their_triggers("GREY", 5))
-        .and_then(|()| frames_begin_after_the_trigger())
         .and_then(|()| controls_are_locked())
         .and_then(|()| one_owner_and_two_cameras());
     match done {

@@ -1,6 +1,8 @@
 //! The watched folder with a tethering program that is not ours: the `gphoto2` program releases a
 //! simulated camera on the network, downloads, and drops the file.
 
+#![expect(clippy::unwrap_used, reason = "tests")]
+
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::process::Command;

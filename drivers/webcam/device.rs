@@ -240,3 +240,50 @@ impl Controls for Device {
         self.set_control(Control { id, value }).map_err(|error| error.to_string())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use v4l::timestamp::Timestamp;
+
+    use super::*;
+
+    /// What a frame with such a stamp is to somebody who asked at 10 s, at 25 frames in a second.
+    fn at(stamp_ms: i64, flags: Flags) -> Option<Result<Vec<u8>, InstrumentError>> {
+        let job = Job {
+            since: Duration::from_secs(10),
+            until: Instant::now() + Duration::from_secs(60),
+            reply: oneshot::channel().0,
+        };
+        let timestamp = Timestamp::new(stamp_ms / 1000, stamp_ms % 1000 * 1000);
+        let about = Metadata { bytesused: 2, flags, timestamp, ..Metadata::default() };
+        answer(&job, &[1, 2, 0, 0], &about, Duration::from_millis(40))
+    }
+
+    #[test]
+    fn a_frame_counts_that_began_after_it_was_asked_for() {
+        let end = Flags::TIMESTAMP_MONOTONIC;
+        let begin = end | Flags::TSTAMP_SRC_SOE;
+        for (ms, flags, counts) in [
+            // It waited in a buffer.
+            (9_960, begin, false),
+            (9_960, end, false),
+            // It was under way.
+            (10_039, end, false),
+            (10_040, end, true),
+            (9_999, begin, false),
+            (10_000, begin, true),
+            // The kernel says that some of it is missing.
+            (10_040, begin | Flags::ERROR, false),
+        ] {
+            let expected = counts.then(|| Ok(vec![1, 2]));
+            assert_eq!(at(ms, flags), expected, "{ms} ms, {flags:?}");
+        }
+    }
+
+    #[test]
+    fn frames_without_a_known_time_are_refused() {
+        for flags in [Flags::TIMESTAMP_UNKNOWN, Flags::TIMESTAMP_COPY] {
+            assert!(matches!(at(10_040, flags), Some(Err(InstrumentError::Refused(_)))));
+        }
+    }
+}

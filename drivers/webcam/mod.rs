@@ -14,8 +14,9 @@
 //!
 //! Sources: the kernel's V4L2 documentation ("User Controls", "Camera Control Reference", "Buffers:
 //! Timestamp", "YUYV"). Tried by `.ci/vivid` in a kernel with its test camera `vivid`, which has
-//! gain and its automatic, but neither exposure nor focus. What that cannot check: UVC itself, and
-//! how true a webcam's time stamps are.
+//! gain and its automatic, but neither exposure nor focus. What that cannot check: UVC itself, how true
+//! a webcam's time stamps are, and that a frame under way is passed over (vivid makes one in no time;
+//! a unit test sees to that).
 
 #[cfg(any(feature = "nokhwa", test))]
 mod controls;
