@@ -80,7 +80,7 @@ async fn a_calibration_comes_back_as_it_was_recorded_and_is_recorded_once() {
         ..fan.clone()
     };
     assert!(!store.record_calibration(&again).await.unwrap());
-    assert_eq!(store.calibrations().await.unwrap(), [fan.head.clone()]);
+    assert_eq!(store.calibrations().await.unwrap(), std::slice::from_ref(&fan.head));
     for wanted in ["latest", &fan.head.blake3, &fan.head.blake3[..7]] {
         assert_eq!(store.calibration(wanted).await.unwrap(), fan);
     }
