@@ -56,10 +56,10 @@ impl Probe {
     }
 }
 
-fn entry<'a>(
+fn entry(
     it: &Candidate,
     address: &str,
-    names: &mut std::collections::BTreeMap<&'a str, usize>,
+    names: &mut std::collections::BTreeMap<&str, usize>,
 ) -> String {
     let stem = match it.kind {
         "linear_axis" => "rail",
