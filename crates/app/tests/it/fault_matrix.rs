@@ -230,7 +230,9 @@ impl Cell {
                 "store" => number > 6,
                 _ => false,
             };
-            let spared = spared && self.often == "for good";
+            // A stage that was off has lost its reference: it stays where it is until it is homed.
+            let is_lost = self.of == "rail" && self.fault == "reboot" && number == 7;
+            let spared = (spared && self.often == "for good") || is_lost;
             assert!(done(number) || spared, "{name}: step {number}");
         }
         // A run that completed has all that it did not report missing or passed over.

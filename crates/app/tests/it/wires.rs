@@ -193,3 +193,14 @@ fn simulators_answer_other_programs_in_real_time() {
     signal(&simulators, "TERM");
     assert!(simulators.wait().unwrap().success());
 }
+
+#[test]
+fn the_examples_of_laboratories_are_sound() {
+    let plan = experiments().join("plans/translation-test.yaml").display().to_string();
+    for rig in ["laboratory-motors", "laboratory-hand-moved"] {
+        let lab = Lab::new();
+        let rig = experiments().join(format!("rigs/{rig}.yaml")).display().to_string();
+        let checked = lab.beampose(&["check", &plan, "--rig", &rig, "--quiet"]).expect_code(0);
+        assert!(checked.out.contains("180 pictures"), "{}", checked.out);
+    }
+}
