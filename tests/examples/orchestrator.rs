@@ -180,6 +180,7 @@ async fn run(steps: &[Step], sink: &dyn RunSink) -> RunSummary {
         plan_text: String::new(),
         rig_text: String::new(),
         measurement_json: "{}".to_owned(),
+        files: Vec::new(),
         plan_hash: String::new(),
         origin_json: None,
         software: "measured".to_owned(),

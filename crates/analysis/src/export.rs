@@ -9,14 +9,17 @@ use serde_json::{Map, Value, json};
 
 use crate::numbers::{omega_phi_kappa_deg, omega_phi_kappa_u_deg, root};
 use crate::report::{ReportCapture, ReportInput};
+use crate::side_by_side::side_by_side_json;
 use crate::translation::TranslationResult;
 use crate::wavelength_drift::SeriesPoint;
 
 /// The session's result as one JSON object: `experiment`, `verdict`, `reasons`, `captures`,
 /// `solved`, `methods`, `limits` as [`TranslationResult`] has them (without a translation test
 /// `methods` has the number of solved captures only; a wavelength drift adds the members of
-/// [`crate::WavelengthDriftResult`]), then `title`, `session`, `processing` and,
-/// where there are any, `interruptions` and, where the truth is known, `scores`.
+/// [`crate::WavelengthDriftResult`] and `rig_lines`), then `title`, `session`, `processing`, `inputs`
+/// (the files that solving was told, and the recorded calibrations that they are) and, where there
+/// are any, `wavelength_sources` (by method, how many captures have it from where), `side_by_side`,
+/// `interruptions` and, where the truth is known, `scores`.
 ///
 /// # Errors
 /// None in practice: the types are plain data.
@@ -33,6 +36,9 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
     {
         object.extend(members);
     }
+    if let Some(lines) = input.drift.as_ref().and_then(|drift| drift.rig_lines.as_ref()) {
+        object.insert("rig_lines".to_owned(), json!(lines));
+    }
     if let Some(angles) = &input.angles {
         object.insert("closing_in".to_owned(), serde_json::to_value(&angles.input.traces)?);
         let software = &input.provenance.processed_with;
@@ -46,6 +52,14 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
     put("title", json!(input.title));
     put("session", json!(input.provenance.session));
     put("processing", json!(input.provenance.processing));
+    put("inputs", serde_json::to_value(&input.provenance.inputs)?);
+    let sources = wavelength_sources(input);
+    if !sources.is_empty() {
+        put("wavelength_sources", json!(sources));
+    }
+    if !input.side_by_side.is_empty() {
+        put("side_by_side", side_by_side_json(&input.side_by_side)?);
+    }
     if !input.interruptions.is_empty() {
         let all = input.interruptions.iter().map(|one| {
             json!({
@@ -63,6 +77,19 @@ pub fn json(input: &ReportInput) -> Result<Value, serde_json::Error> {
         put("scores", serde_json::to_value(&input.scores)?);
     }
     Ok(Value::Object(object))
+}
+
+/// By method how many captures have their wavelength from where.
+fn wavelength_sources(input: &ReportInput) -> BTreeMap<&str, BTreeMap<&str, usize>> {
+    let mut sources: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
+    for solution in input.captures.iter().filter_map(|c| c.solution.as_ref().ok()) {
+        for result in &solution.results {
+            let Some(known) = &result.wavelength else { continue };
+            let of_method = sources.entry(result.method.name()).or_default();
+            *of_method.entry(known.source.name()).or_default() += 1;
+        }
+    }
+    sources
 }
 
 fn plain(input: &ReportInput) -> Map<String, Value> {
@@ -164,7 +191,7 @@ pub fn poses_csv(captures: &[ReportCapture]) -> String {
     out
 }
 
-const POSE_COLUMNS: [&str; 21] = [
+const POSE_COLUMNS: [&str; 24] = [
     "method",
     "status",
     "x_mm",
@@ -186,6 +213,9 @@ const POSE_COLUMNS: [&str; 21] = [
     "beams",
     "sigma0",
     "wavelength_nm",
+    "wavelength_source",
+    "wavelength_u_nm",
+    "wavelength_age_s",
 ];
 
 fn triangle() -> impl Iterator<Item = (usize, usize)> {
@@ -206,9 +236,14 @@ fn pose_row(result: &MethodResult) -> Vec<String> {
     numbers.extend(omega_phi_kappa_deg(&q));
     numbers.extend(omega_phi_kappa_u_deg(pose));
     numbers.extend([result.beams_used as f64, result.sigma0, result.wavelength_nm]);
-    numbers.extend(triangle().map(|(i, j)| pose.covariance[i][j]));
+    let number = |x: f64| if x.is_finite() { x.to_string() } else { String::new() };
     let mut row = vec![method, "solved".to_owned()];
-    row.extend(numbers.iter().map(|x| if x.is_finite() { x.to_string() } else { String::new() }));
+    row.extend(numbers.iter().map(|x| number(*x)));
+    let known = result.wavelength.as_ref();
+    row.push(known.map_or_else(String::new, |known| known.source.name().to_owned()));
+    row.push(known.map_or_else(String::new, |known| number(known.u_nm())));
+    row.push(known.and_then(|known| known.age_s).map_or_else(String::new, number));
+    row.extend(triangle().map(|(i, j)| number(pose.covariance[i][j])));
     row
 }
 

@@ -26,6 +26,7 @@ pub fn fan_json(input: &FanReport) -> Value {
         "reference_wavelength_nm": pattern.reference_wavelength_nm,
         "measurements": input.measurements,
         "standard_deviation_of_one_deg": found.spread.map(|s| s.sigma.to_degrees()),
+        "u_of_stage_difference_deg": input.options.u_stage.to_degrees(),
         "model": found.fit.model.name(),
         "fit": fit(&found.fit, input),
         "models": found.candidates.iter().map(|c| candidate(c, input)).collect::<Vec<_>>(),
@@ -92,6 +93,18 @@ pub fn nearest_grid(found: &SessionFan) -> Vec<(&'static str, f64, f64)> {
     let read = FanModel::RadialGrid.read(parameters, 1000.0, nm);
     let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     read.iter().enumerate().map(|(i, p)| (p.name, p.value, u(i) * p.slope.abs())).collect()
+}
+
+/// The covariance of the two, in their order.
+#[must_use]
+pub fn nearest_grid_covariance(found: &SessionFan) -> Vec<Vec<f64>> {
+    let (parameters, covariance) = &found.grid;
+    let nm = found.pattern.reference_wavelength_nm;
+    let read = FanModel::RadialGrid.read(parameters, 1000.0, nm);
+    let row = |i: usize| {
+        (0..read.len()).map(|j| covariance[(i, j)] * read[i].slope * read[j].slope).collect()
+    };
+    (0..read.len()).map(row).collect()
 }
 
 fn candidate(candidate: &Candidate, input: &FanReport) -> Value {

@@ -16,6 +16,7 @@ mod fit;
 mod numbers;
 pub mod report;
 pub mod score;
+pub mod side_by_side;
 pub mod translation;
 mod verdict;
 pub mod wavelength_drift;
@@ -24,7 +25,7 @@ pub use beam_angles::{BeamAngleLimits, BeamAngles, BeamAnglesInput, beam_angles}
 pub use calibration_export::{calibration_json, stability_json};
 pub use compare::{Comparison, Side, compare};
 pub use export::{json, poses_csv, positions_csv, series_csv};
-pub use fan_export::{fan_json, nearest_grid, session_fan_json};
+pub use fan_export::{fan_json, nearest_grid, nearest_grid_covariance, session_fan_json};
 pub use fit::LineFit;
 pub use report::{
     CalibrationReport, FanReport, InputFile, LeftOut, ReportInput, SessionFanReport,
@@ -32,6 +33,7 @@ pub use report::{
 };
 pub use score::{FanScore, score_fan};
 pub use score::{MethodScore, ScoredCapture, Truth, score};
+pub use side_by_side::{Evaluation, side_by_side_csv};
 pub use translation::{
     DistanceRule, JointCovariance, StatedScale, TranslationInput, TranslationResult, TravelCapture,
     translation,

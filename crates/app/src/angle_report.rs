@@ -1,5 +1,6 @@
 //! A stored beam-angle calibration as the input of its analysis, and the files of its result.
 
+use std::f64::consts::SQRT_2;
 use std::path::Path;
 
 use anyhow::Context as _;
@@ -142,6 +143,9 @@ impl Angles {
             Some(beampose_plan::Instrument::RotaryAxis(axis)) => axis.u.map_or(0.0, |u| u.0),
             _ => 0.0,
         };
+        // Of the difference of two readings, and the same each time that a pair is measured: the stage
+        // stands at the same places of its graduation.
+        let u_stage = SQRT_2 * encoder.to_radians();
         // Unread, it is anywhere in what a diode drifts by.
         let u_wavelength_nm = if wavelength_is_read {
             wavelength_u_nm(&self.rig).unwrap_or(WAVELENGTH_U_NM)
@@ -152,12 +156,13 @@ impl Angles {
             geometry: StageGeometry::aligned(goniometer.distance.0),
             u_offset: [across, along],
             u_wavelength_nm,
+            u_stage,
             ..FanOptions::default()
         };
         let sizes = BudgetSizes {
             angle: 0.0,
             distance: goniometer.distance.0,
-            stage_reading: encoder.to_radians(),
+            stage_reading: u_stage,
             offset_across: across,
             offset_along: along,
             dot_across,
@@ -213,6 +218,13 @@ fn limits(accept: &Accept) -> BeamAngleLimits {
     }
 }
 
+/// The angles that a session measured, as a file, and that file as an input.
+pub fn measured_csv(angles: &BeamAngles, session: SessionId) -> (String, InputFile) {
+    let csv = write_measured(&angles.input.measured);
+    let blake3 = blake3::hash(csv.as_bytes()).to_hex().to_string();
+    (csv, InputFile { name: format!("measured.csv of session {session}"), blake3 })
+}
+
 /// Writes `measured.csv` and, where there is a fan, `fan.yaml`, `fan_angles.csv`, `fan.json` and
 /// `fan.html` into a report's folder.
 ///
@@ -223,10 +235,9 @@ pub fn write_fan(angles: &BeamAngles, session: SessionId, folder: &Path) -> anyh
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))
     };
-    let csv = write_measured(&angles.input.measured);
+    let (csv, input) = measured_csv(angles, session);
     put("measured.csv", &csv)?;
-    let blake3 = blake3::hash(csv.as_bytes()).to_hex().to_string();
-    let inputs = [InputFile { name: format!("measured.csv of session {session}"), blake3 }];
+    let inputs = [input];
     if let Some(fan) = angles.fan("fan", &inputs, format!("session {session}"), SOFTWARE) {
         put("fan.yaml", &write_pattern(&fan.found.pattern))?;
         put("fan_angles.csv", &write_fan_angles(&fan.found.angles))?;

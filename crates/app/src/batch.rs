@@ -20,7 +20,8 @@ use beampose_store::{
 use futures::StreamExt as _;
 use tokio::sync::Semaphore;
 
-use crate::pipeline::{Pipeline, Solved, adjusted, described, of_captures, solution_of};
+use crate::calibration::MeasuredWith;
+use crate::pipeline::{Pipeline, Solved, Told, adjusted, described, of_captures, solution_of};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
 use crate::session_report::load_processing;
@@ -30,7 +31,7 @@ pub struct Job {
     session: SessionId,
     setup: Arc<Setup>,
     /// Capture by capture.
-    methods: Vec<Method>,
+    told: Told,
     alone: Stage,
     /// All captures together, if that is wanted.
     together: Option<Stage>,
@@ -66,7 +67,7 @@ impl Stage {
 }
 
 impl Job {
-    /// Solving `session` by `methods`; `told` are other calibrations, pattern or options than those
+    /// Solving `session` as `wanted`; `other` are other calibrations, pattern or options than those
     /// of the session.
     ///
     /// # Errors
@@ -74,15 +75,18 @@ impl Job {
     pub async fn new(
         store: &Store,
         session: SessionId,
-        methods: &[Method],
-        told: Option<Setup>,
+        wanted: &Told,
+        other: Option<MeasuredWith>,
     ) -> anyhow::Result<Self> {
         let stored = store.session(session).await?.header.measurement_json;
-        let (setup, told) = match told {
-            Some(setup) => {
-                let json = serde_json::to_string(&setup)?;
+        let mut files = Vec::new();
+        let (setup, other) = match other {
+            Some(told) => {
+                let json = serde_json::to_string(&told.setup)?;
                 // Told the same, it is the same processing.
-                (setup, Some(json).filter(|json| *json != stored))
+                let json = Some(json).filter(|json| *json != stored);
+                files = if json.is_some() { told.files } else { files };
+                (told.setup, json)
             }
             None => {
                 let setup = serde_json::from_str(&stored)
@@ -90,15 +94,17 @@ impl Job {
                 (setup, None)
             }
         };
-        let begun = |methods: &[Method]| {
-            let new = described(session, methods, told.as_ref().unwrap_or(&stored));
-            Stage::new(NewProcessing { measurement_json: told.clone(), ..new })
+        let begun = |told: &Told| {
+            let new = described(session, told, other.as_ref().unwrap_or(&stored));
+            let (measurement_json, files) = (other.clone(), files.clone());
+            Stage::new(NewProcessing { measurement_json, files, ..new })
         };
-        let alone = of_captures(methods);
-        let together = methods
-            .contains(&Method::SessionAdjustment)
-            .then(|| begun(&[alone.as_slice(), &[Method::SessionAdjustment]].concat()));
-        Ok(Self { session, setup: Arc::new(setup), alone: begun(&alone), together, methods: alone })
+        let told = Told { methods: of_captures(&wanted.methods), wavelength: wanted.wavelength };
+        let together = wanted.methods.contains(&Method::SessionAdjustment).then(|| {
+            let methods = [told.methods.as_slice(), &[Method::SessionAdjustment]].concat();
+            begun(&Told { methods, wavelength: told.wavelength.of_session() })
+        });
+        Ok(Self { session, setup: Arc::new(setup), alone: begun(&told), together, told })
     }
 
     fn stages(&mut self) -> impl Iterator<Item = &mut Stage> {
@@ -285,7 +291,8 @@ impl Job {
         } else {
             let processing = processing(store, self.session, alone).await?;
             let loaded = load_processing(store, self.session, processing).await?;
-            let solved = adjusted(loaded).await?.save(store, shown).await?;
+            let using = self.told.wavelength.of_session();
+            let solved = adjusted(loaded, using).await?.save(store, shown).await?;
             finish(store, self.session, shown).await?;
             solved
         };
@@ -306,7 +313,8 @@ impl Job {
         work.progress.skip(there.len() as u64);
         if !self.alone.finished {
             let of = (self.session, id);
-            let pipeline = Pipeline::of(store.clone(), of, self.setup.clone(), &self.methods);
+            let (setup, told) = (self.setup.clone(), self.told.clone());
+            let pipeline = Pipeline::of(store.clone(), of, setup, told).await?;
             let Some(solved) = work.captures(&pipeline, &left).await? else { return Ok(None) };
             finish(store, self.session, id).await?;
             if there.is_empty() {

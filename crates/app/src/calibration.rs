@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use beampose_core::Quantity;
+use beampose_core::{InstrumentName, Quantity, UsedFile};
 use beampose_photogrammetry::camera::read_camera_info;
 use beampose_photogrammetry::pattern::read_pattern_with;
 use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Pattern, Setup,
-    TieTargets,
+    TieTargets, WavelengthByTemperature,
 };
 use beampose_plan::Rig;
 use beampose_plan::rig::instruments::Camera;
@@ -20,17 +20,39 @@ use crate::input::referred;
 /// simple wavelength meter has.
 pub const WAVELENGTH_U_NM: f64 = 0.1;
 
+/// What solving is told, and the files that it was read from.
+#[derive(Debug, Clone)]
+pub struct MeasuredWith {
+    /// What solving is told.
+    pub setup: Setup,
+    /// Pattern and cameras' calibrations.
+    pub files: Vec<UsedFile>,
+}
+
 /// Everything that solving needs, at the cameras' full picture size.
 ///
 /// # Errors
 /// Which file is at fault and why, for people.
-pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
+pub fn setup(rig: &Rig, folder: &Path) -> Result<MeasuredWith, String> {
+    let (pattern, file) = pattern(&rig.measurement.pattern.value, folder)?;
+    let mut files = vec![file];
     let mut cameras = BTreeMap::new();
     for (name, camera) in rig.cameras() {
-        cameras.insert(name.as_str().to_owned(), calibrated(camera, folder)?);
+        let (calibrated, file) = calibrated(name, camera, folder)?;
+        cameras.insert(name.as_str().to_owned(), calibrated);
+        files.push(file);
     }
+    Ok(MeasuredWith { setup: measurement(rig, pattern, cameras), files })
+}
+
+/// A file that was used, by what was read of it; without a camera it is the pattern.
+pub fn used(camera: Option<&InstrumentName>, file: &str, text: &str) -> UsedFile {
+    let blake3 = blake3::hash(text.as_bytes()).to_hex().to_string();
+    UsedFile { camera: camera.cloned(), file: file.to_owned(), blake3 }
+}
+
+fn measurement(rig: &Rig, pattern: Pattern, cameras: BTreeMap<String, CalibratedCamera>) -> Setup {
     let m = &rig.measurement;
-    let pattern = pattern(&m.pattern.value, folder)?;
     let wavelength_u_nm = wavelength_u_nm(rig).unwrap_or(WAVELENGTH_U_NM);
     let artefact = m.artefact.as_ref();
     let artefact = Artefact {
@@ -46,7 +68,7 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
             .collect(),
         scale_relative_u: artefact.map_or(0.0, |artefact| artefact.scale_relative_u),
     };
-    Ok(Setup {
+    Setup {
         cameras,
         pattern,
         artefact,
@@ -56,6 +78,23 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<Setup, String> {
             within_deg: p.within.0,
         }),
         wavelength_u_nm,
+        wavelength_by_temperature: by_temperature(rig),
+    }
+}
+
+/// How the wavelength follows the diode's temperature, where the rig says.
+fn by_temperature(rig: &Rig) -> Option<WavelengthByTemperature> {
+    let law = rig.measurement.wavelength_from_temperature.as_ref()?;
+    let thermometer = rig.sensors().find(|(name, _)| **name == law.of.value);
+    let u = thermometer.and_then(|(_, sensor)| sensor.u.as_ref());
+    Some(WavelengthByTemperature {
+        thermometer: law.of.value.as_str().to_owned(),
+        at_degc: law.at.0,
+        wavelength_nm: law.wavelength.0,
+        wavelength_u_nm: law.wavelength_u.0,
+        per_degree_nm: law.per_degree.0,
+        per_degree_u_nm: law.per_degree_u.0,
+        temperature_u_degc: u.map_or(0.0, |u| u.value.number()),
     })
 }
 
@@ -67,13 +106,15 @@ pub fn wavelength_u_nm(rig: &Rig) -> Option<f64> {
 }
 
 /// A pattern that a rig refers to.
-fn pattern(file: &str, folder: &Path) -> Result<Pattern, String> {
+fn pattern(file: &str, folder: &Path) -> Result<(Pattern, UsedFile), String> {
     let text = referred(folder, file, "pattern")?;
     let path = folder.join(file);
     let beside = path.parent().unwrap_or(folder);
     let table =
         |file: &str, size| beams::parse(file, &referred(beside, file, "table of beams")?, size);
-    read_pattern_with(&text, table).map_err(|error| format!("{}: {error}", path.display()))
+    let read = read_pattern_with(&text, table);
+    let read = read.map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok((read, used(None, file, &text)))
 }
 
 /// The fan of the simulated module, where it is not the one that solving is told; for the simulated
@@ -84,10 +125,14 @@ fn pattern(file: &str, folder: &Path) -> Result<Pattern, String> {
 pub fn simulated_fan(rig: &Rig, folder: &Path) -> Result<Option<Pattern>, String> {
     let module = rig.simulation.as_ref().map(|simulation| &simulation.module);
     let file = module.and_then(|module| module.pattern.as_ref());
-    file.map(|file| pattern(&file.value, folder)).transpose()
+    file.map(|file| pattern(&file.value, folder).map(|(fan, _)| fan)).transpose()
 }
 
-fn calibrated(camera: &Camera, folder: &Path) -> Result<CalibratedCamera, String> {
+fn calibrated(
+    name: &InstrumentName,
+    camera: &Camera,
+    folder: &Path,
+) -> Result<(CalibratedCamera, UsedFile), String> {
     let file = &camera.calibration.value;
     let text = referred(folder, file, "camera calibration")?;
     let model = read_camera_info(&text)
@@ -99,5 +144,5 @@ fn calibrated(camera: &Camera, folder: &Path) -> Result<CalibratedCamera, String
             principal_point_px: u.principal_point.map(|p| p.0 / camera.pixel_pitch.0),
         },
     );
-    Ok(CalibratedCamera { model, sigma })
+    Ok((CalibratedCamera { model, sigma }, used(Some(name), file, &text)))
 }

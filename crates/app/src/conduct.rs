@@ -13,6 +13,7 @@ use beampose_store::{Store, StoredCapture};
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tracing::Instrument as _;
 
+use crate::calibration_record::{record_run, told};
 use crate::cli::report::exit_of;
 use crate::cli::sessions::plain_table;
 use crate::cli::solve::solve_session;
@@ -29,8 +30,8 @@ use crate::rig_lock::RigLock;
 use crate::session_lock::SessionLock;
 use crate::session_report::{Analysed, input, load, method_of, prepare, write};
 use crate::truth;
-use crate::wiring::Laboratory;
 use crate::wiring::person::WithPerson;
+use crate::wiring::{Laboratory, Recorder};
 
 /// A session about to run.
 pub struct Session {
@@ -81,9 +82,24 @@ pub struct Shown {
     /// input: `event` (paused, asked, laser_unknown, ended), `session`, and what belongs to it
     #[arg(long, value_name = "COMMAND", env = "BEAMPOSE_NOTIFY")]
     pub notify: Option<String>,
+    /// Keep what goes over the lines to instruments, byte for byte, one JSON object a line
+    #[arg(long, value_name = "FILE")]
+    pub record_wire: Option<PathBuf>,
 }
 
 impl Shown {
+    /// Who keeps what goes over lines, if that is wanted.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn recorder(&self) -> Result<Option<Arc<Recorder>>, Ended> {
+        let Some(path) = &self.record_wire else { return Ok(None) };
+        let recorder = Recorder::create(path);
+        recorder
+            .map(|it| Some(Arc::new(it)))
+            .map_err(|error| Ended::input(format!("--record-wire {}: {error}", path.display())))
+    }
+
     /// The answers of the file, if there is one.
     ///
     /// # Errors
@@ -127,7 +143,8 @@ impl Session {
         let folder = shown.folder(self.header.id)?;
         prepare(&folder).map_err(|error| Ended::input(format!("{error:#}")))?;
         let session = self.header.id;
-        let rig_lock = RigLock::take(&self.checked.rig, session).map_err(Ended::input)?;
+        let purpose = format!("session {session}");
+        let rig_lock = RigLock::take(&self.checked.rig, &purpose).map_err(Ended::input)?;
         let plan = &self.checked.plan;
         let methods: Vec<Method> = plan.methods.iter().map(|m| method_of(*m)).collect();
         let progress = Progress::new(&self.checked.summary, !shown.quiet && !shown.json);
@@ -296,6 +313,7 @@ async fn conclude(
         let row = beampose_store::ResultRow { processing, created, result_json };
         store.save_result(&row).await?;
     }
+    let recorded = record_run(store, &input, &loaded.session.header).await?;
     if let Some(command) = &shown.notify {
         let hook = Hook::new(command, id);
         let report = written.html.display().to_string();
@@ -311,11 +329,15 @@ async fn conclude(
                 "verdict": input.verdict.as_str(),
                 "captures": ending.captures,
                 "report": written.html.display().to_string(),
+                "calibration": recorded.map(|record| record.head.blake3),
             })
             .to_string(),
         );
     } else {
         print(&last_words(ending, &input));
+        if let Some(record) = &recorded {
+            print(&told(record));
+        }
         print(&format!("report   {}", written.html.display()));
     }
     Ok(match ending.outcome {
@@ -363,6 +385,9 @@ fn last_words(ending: Ending, input: &ReportInput) -> String {
     lines.extend(input.reasons.iter().map(|r| format!("         {r}")));
     if let Some(result) = &input.translation {
         lines.push(positions(result));
+    }
+    if let Some(rig_lines) = input.drift.as_ref().and_then(|drift| drift.rig_lines.as_ref()) {
+        lines.push(format!("for the rig, below `measurement:`\n{}", rig_lines.trim_end()));
     }
     lines.join("\n")
 }

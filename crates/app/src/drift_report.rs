@@ -1,6 +1,6 @@
 //! A stored wavelength drift as the input of its analysis.
 
-use beampose_analysis::wavelength_drift::{DriftLimits, Sample, WavelengthDriftInput};
+use beampose_analysis::wavelength_drift::{DriftLimits, Sample, WavelengthDriftInput, rig_lines};
 use beampose_analysis::{WavelengthDrift, wavelength_drift};
 use beampose_core::{EventKind, InstrumentName, SessionId, Stamp};
 use beampose_photogrammetry::Pattern;
@@ -40,7 +40,7 @@ impl Series {
         let maybe = |sensor: &Option<beampose_plan::At<InstrumentName>>| {
             sensor.as_ref().map(|sensor| of(&sensor.value)).unwrap_or_default()
         };
-        Some(wavelength_drift(&WavelengthDriftInput {
+        let mut found = wavelength_drift(&WavelengthDriftInput {
             wavelength: of(&asked.wavelength.value),
             diode_temperature: maybe(&asked.diode_temperature),
             room_temperature: maybe(&asked.room_temperature),
@@ -50,7 +50,13 @@ impl Series {
             measurement: asked.measurement,
             settled_within: asked.settled_within,
             limits: limits(&plan.accept),
-        }))
+        });
+        let diode = asked.diode_temperature.as_ref().map(|sensor| sensor.value.as_str());
+        let stated = self.samples(&asked.wavelength.value);
+        let stated = stated.iter().filter_map(|one| one.standard_uncertainty).reduce(f64::max);
+        let line = found.result.temperature.as_ref().zip(diode);
+        found.rig_lines = line.map(|(line, diode)| rig_lines(line, diode, stated));
+        Some(found)
     }
 
     fn samples(&self, sensor: &InstrumentName) -> Vec<Sample> {

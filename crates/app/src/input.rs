@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use beampose_plan::{
-    AsRead, Plan, Rig, Summary, check_both, read_plan_as_it_is, read_rig_as_it_is,
+    AsRead, Plan, Rig, Summary, check_both, read_plan_as_it_is, read_rig, read_rig_as_it_is,
 };
 
 use crate::settings::Overrides;
@@ -84,6 +84,17 @@ impl Origin {
         let estimated_s = estimate.map(|e| [e.time.0, e.range[0].0, e.range[1].0]);
         Ok(Self { plan, rig, overrides, estimated_s })
     }
+}
+
+/// Reads and checks a rig alone.
+///
+/// # Errors
+/// Every fault, as text for people.
+pub fn rig(path: &Path, overrides: &Overrides) -> Result<Rig, String> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path)
+        .map_err(|error| beampose_plan::source::unreadable(&name, &error).to_string())?;
+    overrides.apply(read_rig(&name, &bytes).map_err(|faults| faults.to_string())?)
 }
 
 fn file<T>(path: &Path, read: impl Fn(&str, &[u8]) -> AsRead<T>) -> AsRead<T> {

@@ -4,6 +4,7 @@
 mod angle_report;
 mod batch;
 mod calibration;
+mod calibration_record;
 mod camera_calibration;
 mod cli;
 mod conduct;
@@ -17,6 +18,7 @@ mod journal_notes;
 mod log;
 mod notify;
 mod operator;
+mod origins;
 mod other_inputs;
 mod output;
 mod pipeline;
@@ -27,7 +29,9 @@ mod rig_lock;
 mod session_lock;
 mod session_report;
 mod settings;
+mod side_by_side;
 mod truth;
+mod wavelengths;
 mod wiring;
 
 use std::process::ExitCode;

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use beampose_photogrammetry::Setup;
+use beampose_core::{InstrumentName, UsedFile};
 use beampose_photogrammetry::camera::{Camera, read_camera_info};
 use beampose_photogrammetry::pattern::{Pattern, read_pattern_with};
 use beampose_plan::read_rig;
 
-use crate::calibration;
+use crate::calibration::{self, MeasuredWith, used};
 use crate::exchange::beams;
 use crate::input::referred;
 
@@ -51,9 +51,9 @@ fn uncertainty(text: &str) -> Result<f64, String> {
 
 /// The files, read.
 pub struct Inputs {
-    cameras: Vec<(String, PathBuf, Camera)>,
-    pattern: Option<Pattern>,
-    rig: Option<Setup>,
+    cameras: Vec<(UsedFile, PathBuf, Camera)>,
+    pattern: Option<(Pattern, UsedFile)>,
+    rig: Option<MeasuredWith>,
     without_prior: bool,
     wavelength_u_nm: Option<f64>,
 }
@@ -69,11 +69,12 @@ impl OtherInputs {
             let text = text(file, "camera calibration")?;
             let model =
                 read_camera_info(&text).map_err(|error| format!("{}: {error}", file.display()))?;
-            cameras.push((camera.clone(), file.clone(), model));
+            let camera = InstrumentName(camera.clone());
+            cameras.push((used(Some(&camera), &named(file), &text), file.clone(), model));
         }
         Ok(Inputs {
             cameras,
-            pattern: self.with_pattern.as_deref().map(pattern).transpose()?,
+            pattern: self.with_pattern.as_deref().map(used_pattern).transpose()?,
             rig: self.with_rig.as_deref().map(rig).transpose()?,
             without_prior: self.without_prior,
             wavelength_u_nm: self.with_wavelength_u,
@@ -82,7 +83,11 @@ impl OtherInputs {
 }
 
 fn text(file: &Path, what: &str) -> Result<String, String> {
-    referred(Path::new(""), &file.display().to_string(), what)
+    // Whoever names a file on the command line may name any.
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let name =
+        file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    referred(folder, &name, what)
 }
 
 /// A pattern file.
@@ -90,14 +95,25 @@ fn text(file: &Path, what: &str) -> Result<String, String> {
 /// # Errors
 /// What is wrong with it, for people.
 pub fn pattern(file: &Path) -> Result<Pattern, String> {
-    let beside = file.parent().unwrap_or(Path::new(""));
-    read_pattern_with(&text(file, "pattern")?, |table, size| {
-        beams::parse(table, &referred(beside, table, "table of beams")?, size)
-    })
-    .map_err(|error| format!("{}: {error}", file.display()))
+    used_pattern(file).map(|(pattern, _)| pattern)
 }
 
-fn rig(file: &Path) -> Result<Setup, String> {
+fn used_pattern(file: &Path) -> Result<(Pattern, UsedFile), String> {
+    let beside = file.parent().unwrap_or(Path::new(""));
+    let text = text(file, "pattern")?;
+    let read = read_pattern_with(&text, |table, size| {
+        beams::parse(table, &referred(beside, table, "table of beams")?, size)
+    });
+    let read = read.map_err(|error| format!("{}: {error}", file.display()))?;
+    Ok((read, used(None, &named(file), &text)))
+}
+
+/// A file without its folder, which means nothing on another machine.
+fn named(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn rig(file: &Path) -> Result<MeasuredWith, String> {
     let name = file.display().to_string();
     let bytes = std::fs::read(file)
         .map_err(|error| beampose_plan::source::unreadable(&name, &error).to_string())?;
@@ -119,23 +135,30 @@ impl Inputs {
     ///
     /// # Errors
     /// Which camera the session does not have, for people.
-    pub fn instead(&self, own: Setup) -> Result<Setup, String> {
-        let mut setup = self.rig.clone().unwrap_or(own);
-        for (name, file, model) in &self.cameras {
+    pub fn instead(&self, own: MeasuredWith) -> Result<MeasuredWith, String> {
+        let MeasuredWith { mut setup, mut files } = self.rig.clone().unwrap_or(own);
+        let mut replace = |other: &UsedFile| {
+            files.retain(|file| file.camera != other.camera);
+            files.push(other.clone());
+        };
+        for (used, file, model) in &self.cameras {
+            let name = used.camera.as_ref().map_or("", InstrumentName::as_str);
             let known: Vec<String> = setup.cameras.keys().cloned().collect();
             let camera = setup.cameras.get_mut(name).ok_or_else(|| {
                 let file = file.display();
                 format!("{file}: there is no camera {name:?}, only {}", known.join(", "))
             })?;
             camera.model = *model;
+            replace(used);
         }
-        if let Some(pattern) = &self.pattern {
+        if let Some((pattern, used)) = &self.pattern {
             setup.pattern = pattern.clone();
+            replace(used);
         }
         if self.without_prior {
             setup.module_prior = None;
         }
         setup.wavelength_u_nm = self.wavelength_u_nm.unwrap_or(setup.wavelength_u_nm);
-        Ok(setup)
+        Ok(MeasuredWith { setup, files })
     }
 }

@@ -6,15 +6,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use beampose_core::{CaptureId, InstrumentName, SessionId};
+use beampose_core::{CaptureId, InstrumentName, SessionId, UsedFile};
 use beampose_photogrammetry::sight::{Stage, sight_all};
 use beampose_photogrammetry::solve::{
     CaptureSolution, Method, MethodResult, SessionSolution, StageSeconds, solve_capture,
 };
-use beampose_photogrammetry::{GrayImage, Setup, decode};
+use beampose_photogrammetry::{
+    GrayImage, Setup, Wavelength, WavelengthSource, WavelengthUse, decode,
+};
 use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
 
 use crate::session_report::Loaded;
+use crate::wavelengths::Readings;
 
 /// The program's version, as stored with what it makes.
 pub const SOFTWARE: &str = concat!("beampose ", env!("CARGO_PKG_VERSION"));
@@ -26,7 +29,18 @@ pub struct Pipeline {
     session: SessionId,
     processing: ProcessingId,
     setup: Arc<Setup>,
-    methods: Arc<[Method]>,
+    told: Arc<Told>,
+    /// What the session's instruments read; `None` where it runs, and reads on.
+    readings: Option<Arc<Readings>>,
+}
+
+/// What a processing is told beside the setup.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Told {
+    /// How the module is found.
+    pub methods: Vec<Method>,
+    /// Which wavelength the fan is corrected to.
+    pub wavelength: WavelengthUse,
 }
 
 /// A capture that was solved (or not, with the reason inside).
@@ -49,22 +63,25 @@ pub fn of_captures(methods: &[Method]) -> Vec<Method> {
 
 /// What the store is told of a processing before its first capture. `measurement_json` is what
 /// solving is told.
-pub fn described(session: SessionId, methods: &[Method], measurement_json: &str) -> NewProcessing {
-    let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
+pub fn described(session: SessionId, told: &Told, measurement_json: &str) -> NewProcessing {
+    let names: Vec<&str> = told.methods.iter().map(|m| m.name()).collect();
+    let wavelength = told.wavelength.name();
     let hash = blake3::hash(measurement_json.as_bytes()).to_hex();
     NewProcessing {
         session,
         created: jiff::Timestamp::now(),
         software: SOFTWARE.to_owned(),
-        options_json: serde_json::json!({ "methods": names }).to_string(),
+        options_json: serde_json::json!({ "methods": names, "wavelength": wavelength }).to_string(),
         lineage_json: serde_json::json!({ "measurement_blake3": hash.as_str() }).to_string(),
         measurement_json: None,
+        files: Vec::new(),
         batch: None,
     }
 }
 
 impl Pipeline {
-    /// Begins a processing of `session`, capture by capture.
+    /// Begins a run's own processing of `session`, capture by capture: each by what had been read
+    /// when it was taken.
     ///
     /// # Errors
     /// When the store refuses it.
@@ -74,20 +91,38 @@ impl Pipeline {
         setup: Arc<Setup>,
         methods: &[Method],
     ) -> anyhow::Result<Self> {
-        let methods = of_captures(methods);
-        let new = described(session, &methods, &serde_json::to_string(&*setup)?);
+        let told = Told { methods: of_captures(methods), wavelength: WavelengthUse::Live };
+        let new = described(session, &told, &serde_json::to_string(&*setup)?);
         let processing = store.start_processing(&new).await?;
-        Ok(Self { store, session, processing, setup, methods: methods.into() })
+        Ok(Self { store, session, processing, setup, told: Arc::new(told), readings: None })
     }
 
-    /// Goes on with a processing that was begun.
-    pub fn of(
+    /// Goes on with a processing of a stored session that was begun.
+    ///
+    /// # Errors
+    /// When the session cannot be read.
+    pub async fn of(
         store: Arc<Store>,
         (session, processing): (SessionId, ProcessingId),
         setup: Arc<Setup>,
-        methods: &[Method],
-    ) -> Self {
-        Self { store, session, processing, setup, methods: methods.into() }
+        told: Told,
+    ) -> anyhow::Result<Self> {
+        let readings = Some(Arc::new(Readings::of(&setup, &store.readings(session).await?)));
+        Ok(Self { store, session, processing, setup, told: Arc::new(told), readings })
+    }
+
+    async fn wavelength(&self, capture: &StoredCapture) -> anyhow::Result<Wavelength> {
+        let using = self.told.wavelength;
+        if let Some(readings) = &self.readings {
+            return Ok(readings.at(&self.setup, capture, using));
+        }
+        // Where it was read at the capture, no other reading is looked for.
+        let alone = Readings::default().at(&self.setup, capture, using);
+        if alone.source == WavelengthSource::Read {
+            return Ok(alone);
+        }
+        let stored = self.store.readings(self.session).await?;
+        Ok(Readings::of(&self.setup, &stored).at(&self.setup, capture, using))
     }
 
     /// Solves one stored capture and stores what came out. A capture that cannot be solved is no
@@ -105,11 +140,12 @@ impl Pipeline {
                 Err(error) => unread.push(format!("{}: {error}", picture.camera)),
             }
         }
-        let (setup, methods) = (self.setup.clone(), self.methods.clone());
-        let wavelength = capture.readings.get("wavelength_nm").copied();
+        let (setup, told) = (self.setup.clone(), self.told.clone());
+        let wavelength = self.wavelength(capture).await?;
         let id = capture.id.clone();
         let (solved, row) = tokio::task::spawn_blocking(move || {
-            let (mut solution, seconds) = solve_pictures(&setup, &files, wavelength, &methods);
+            let (mut solution, seconds) =
+                solve_pictures(&setup, &files, &wavelength, &told.methods);
             solution.notes.append(&mut unread);
             let solved = Solved { capture: id, solution, seconds };
             let row = row(&solved);
@@ -135,7 +171,7 @@ impl Pipeline {
 fn solve_pictures(
     setup: &Setup,
     files: &[(InstrumentName, Vec<u8>)],
-    wavelength_nm: Option<f64>,
+    wavelength: &Wavelength,
     methods: &[Method],
 ) -> (CaptureSolution, StageSeconds) {
     let begun: Vec<Mutex<Instant>> = files.iter().map(|_| Mutex::new(Instant::now())).collect();
@@ -169,7 +205,7 @@ fn solve_pictures(
     }
     let before = Instant::now();
     let mut identified = 0.0;
-    let mut solution = solve_capture(setup, &sightings, wavelength_nm, methods, &mut || {
+    let mut solution = solve_capture(setup, &sightings, wavelength, methods, &mut || {
         identified = before.elapsed().as_secs_f64();
     });
     seconds.identify = identified;
@@ -202,9 +238,11 @@ pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result
     let mut methods = loaded.methods();
     methods.retain(|method| *method != Method::SessionAdjustment);
     methods.push(Method::SessionAdjustment);
-    let joint = adjusted(loaded).await?;
-    let mut new = described(id, &methods, &serde_json::to_string(&*joint.setup)?);
+    let told = Told { methods, wavelength: WavelengthUse::Live.of_session() };
+    let joint = adjusted(loaded, told.wavelength).await?;
+    let mut new = described(id, &told, &serde_json::to_string(&*joint.setup)?);
     new.measurement_json.clone_from(&joint.told);
+    new.files.clone_from(&joint.files);
     let processing = store.start_processing(&new).await?;
     let solved = joint.save(store, processing).await?;
     store.finish_processing(processing, jiff::Timestamp::now()).await?;
@@ -216,23 +254,26 @@ pub struct Adjusted {
     setup: Arc<Setup>,
     /// What solving was told, where that is not what the session was run with.
     told: Option<String>,
+    /// The files that it was read from.
+    files: Vec<UsedFile>,
     solved: Vec<Solved>,
 }
 
-/// Adjusts the captures of a processing together.
+/// Adjusts the captures of a processing together, the wavelength at each as `using` says.
 ///
 /// # Errors
 /// When they cannot be adjusted as a whole.
-pub async fn adjusted(loaded: Loaded) -> anyhow::Result<Adjusted> {
+pub async fn adjusted(mut loaded: Loaded, using: WavelengthUse) -> anyhow::Result<Adjusted> {
+    loaded.use_wavelength(using);
     let id = loaded.session.header.id;
     tokio::task::spawn_blocking(move || {
         let before = Instant::now();
         let joint = crate::session_report::adjust_together(&loaded.setup, &loaded.captures)
             .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?;
         let share = before.elapsed().as_secs_f64() / loaded.captures.len().max(1) as f64;
-        let told = loaded.processing.start.measurement_json.clone();
         let solved = with_joint(&loaded, joint, share);
-        Ok(Adjusted { setup: Arc::new(loaded.setup), told, solved })
+        let NewProcessing { measurement_json: told, files, .. } = loaded.processing.start;
+        Ok(Adjusted { setup: Arc::new(loaded.setup), told, files, solved })
     })
     .await?
 }
@@ -256,6 +297,7 @@ fn with_joint(loaded: &Loaded, joint: SessionSolution, share: f64) -> Vec<Solved
             beams_used: alike.map_or(0, |r| r.beams_used),
             sigma0: joint.sigma0,
             wavelength_nm: alike.map_or(reference_nm, |r| r.wavelength_nm),
+            wavelength: capture.wavelength,
             ambiguous: alike.is_some_and(|r| r.ambiguous),
         });
         let seconds = StageSeconds { adjust: capture.seconds.adjust + share, ..capture.seconds };
@@ -294,6 +336,9 @@ fn row(solved: &Solved) -> anyhow::Result<SolutionRow> {
             beams_used: r.beams_used as u64,
             sigma0: r.sigma0,
             wavelength_nm: r.wavelength_nm,
+            wavelength_source: r.wavelength.map(|known| known.source.name().to_owned()),
+            wavelength_u_nm: r.wavelength.map(|known| known.u_nm()),
+            wavelength_age_s: r.wavelength.and_then(|known| known.age_s),
             ambiguous: r.ambiguous,
         })
         .collect();

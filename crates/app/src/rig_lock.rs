@@ -6,7 +6,6 @@
 
 use std::path::PathBuf;
 
-use beampose_core::SessionId;
 use beampose_plan::Rig;
 
 use crate::file_lock::{FileLock, NotTaken, this_program};
@@ -16,15 +15,19 @@ use crate::output::complain;
 pub struct RigLock(#[expect(dead_code, reason = "held, not read")] Vec<FileLock>);
 
 impl RigLock {
-    /// Takes the locks of all instruments of a rig for a session, or none.
+    /// Takes the locks of all instruments of a rig, or none, for what is said in `purpose`.
     ///
     /// # Errors
     /// Who drives which instrument, or why a lock cannot be taken, for people.
-    pub fn take(rig: &Rig, session: SessionId) -> Result<Self, String> {
-        let holder = format!("{}, session {session}", this_program());
+    pub fn take(rig: &Rig, purpose: &str) -> Result<Self, String> {
+        let holder = format!("{}, {purpose}", this_program());
         let mut lines: Vec<(String, &str)> = Vec::new();
         for (name, instrument) in &rig.instruments {
-            let address = instrument.address().unwrap_or_default();
+            let address = instrument.address().map_or("", |address| address.value.as_str());
+            // A simulator that this program starts is this run's own.
+            if address.starts_with("simulator:") {
+                continue;
+            }
             if !instrument.is_simulated() || !address.is_empty() {
                 lines.push((format!("{} {address}", instrument.driver().value), name.as_str()));
             }

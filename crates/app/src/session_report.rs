@@ -17,7 +17,7 @@ use beampose_core::{
 use beampose_photogrammetry::solve::{
     CaptureSolution, Method, SessionSolution, SolvedCapture, solve_session,
 };
-use beampose_photogrammetry::{Setup, decode};
+use beampose_photogrammetry::{Setup, WavelengthUse, decode};
 use beampose_plan::{Accept, Analyse, Plan, read_plan};
 use beampose_store::{Processing, Store, StoreError, StoredCapture, StoredSession};
 
@@ -25,7 +25,10 @@ use crate::angle_report::{self, Angles};
 use crate::drift_report::{self, Series};
 use crate::interruptions::interruptions;
 use crate::journal_notes::{notes, out_of_limits};
+use crate::origins::{files_of, origins};
 use crate::pipeline::{SOFTWARE, solution_of};
+use crate::side_by_side::{Wanted, side_by_side};
+use crate::wavelengths::{self, Readings};
 
 /// A stored session with one of its processings.
 pub struct Loaded {
@@ -41,6 +44,8 @@ pub struct Loaded {
     pub captures: Vec<ReportCapture>,
     /// The captures as stored.
     pub stored: Vec<StoredCapture>,
+    /// What the instruments read that tells the wavelength.
+    readings: Readings,
     /// Readings outside the limits that the plan accepts.
     out_of_limits: Vec<String>,
     /// The readings of a wavelength drift.
@@ -128,7 +133,22 @@ pub async fn load_processing(
     let out_of_limits = out_of_limits(store, session.header.id).await?;
     let series = drift_report::series(store, id, plan.as_ref()).await?;
     let angles = angle_report::angles(store, id, plan.as_ref(), &session.header.rig_text).await?;
-    Ok(Loaded { session, plan, setup, processing, captures, stored, out_of_limits, series, angles })
+    let readings = Readings::of(&setup, &store.readings(id).await?);
+    let using = wavelengths::used(&processing.start.options_json).of_session();
+    let mut loaded = Loaded {
+        session,
+        plan,
+        setup,
+        processing,
+        captures,
+        stored,
+        readings,
+        out_of_limits,
+        series,
+        angles,
+    };
+    loaded.use_wavelength(using);
+    Ok(loaded)
 }
 
 /// A session's plan; an imported one has none, since another program took its pictures.
@@ -162,12 +182,20 @@ async fn report_capture(
         at: Some(capture.triggered),
         setpoints: capture.setpoints.clone(),
         readings: capture.readings.clone(),
+        wavelength: None,
         solution,
         seconds,
     })
 }
 
 impl Loaded {
+    /// Notes at each capture which wavelength an adjustment of them all takes.
+    pub fn use_wavelength(&mut self, using: WavelengthUse) {
+        for (capture, stored) in self.captures.iter_mut().zip(&self.stored) {
+            capture.wavelength = Some(self.readings.at(&self.setup, stored, using));
+        }
+    }
+
     /// The methods of the processing.
     pub fn methods(&self) -> Vec<Method> {
         let solutions = self.captures.iter().filter_map(|c| c.solution.as_ref().ok());
@@ -287,16 +315,19 @@ pub fn adjust_together(
     setup: &Setup,
     captures: &[ReportCapture],
 ) -> Result<SessionSolution, String> {
-    let solved = solved_captures(captures)
+    let solved = solved_captures(setup, captures)
         .ok_or("not all captures were solved by themselves in this processing")?;
     solve_session(setup, &solved)
 }
 
 /// The captures as the session's adjustment takes them; `None` where one was not solved by itself.
-pub fn solved_captures(captures: &[ReportCapture]) -> Option<Vec<SolvedCapture<'_>>> {
-    let solved = captures.iter().map(|ReportCapture { solution, readings, .. }| {
-        let wavelength_nm = readings.get("wavelength_nm").copied();
-        Some(SolvedCapture { solution: solution.as_ref().ok()?, wavelength_nm })
+pub fn solved_captures<'a>(
+    setup: &Setup,
+    captures: &'a [ReportCapture],
+) -> Option<Vec<SolvedCapture<'a>>> {
+    let solved = captures.iter().map(|ReportCapture { solution, wavelength, .. }| {
+        let wavelength = wavelength.unwrap_or_else(|| setup.wavelength(None));
+        Some(SolvedCapture { solution: solution.as_ref().ok()?, wavelength })
     });
     solved.collect()
 }
@@ -334,6 +365,18 @@ fn travel_capture(
 /// # Errors
 /// When the store fails.
 pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput> {
+    input_beside(store, loaded, &[]).await
+}
+
+/// As [`input`], with the processings that are shown side by side; without any all that differ.
+///
+/// # Errors
+/// When the store fails, or one of them does not exist.
+pub async fn input_beside(
+    store: &Store,
+    loaded: &Loaded,
+    beside: &[Wanted],
+) -> anyhow::Result<ReportInput> {
     let id = loaded.session.header.id;
     let analysed = loaded.analysed();
     let mut reasons = analysed.verdict().map(|(_, reasons)| reasons.to_vec()).unwrap_or_default();
@@ -351,6 +394,7 @@ pub async fn input(store: &Store, loaded: &Loaded) -> anyhow::Result<ReportInput
         reasons,
         methods: loaded.methods(),
         captures: loaded.captures.clone(),
+        side_by_side: side_by_side(store, loaded, analysed.translation.as_ref(), beside).await?,
         translation: analysed.translation,
         drift: analysed.drift,
         angles: analysed.angles,
@@ -437,6 +481,7 @@ async fn provenance(store: &Store, loaded: &Loaded) -> anyhow::Result<Provenance
         processed_with: start.software.clone(),
         options,
         hashes,
+        inputs: origins(store, files_of(&loaded.session, &loaded.processing)).await?,
         seed: header.seed,
         instruments: instruments(store, header.id).await?,
         plan_text: header.plan_text.clone(),
@@ -494,8 +539,8 @@ pub fn prepare(folder: &Path) -> anyhow::Result<()> {
         .with_context(|| format!("the report's folder {} cannot be made", folder.display()))
 }
 
-/// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv` and
-/// `wavelength.csv`, or the files of a calibrated fan, into `folder`.
+/// Writes `report.html`, `report.json`, `poses.csv` and, where there are any, `positions.csv`,
+/// `side_by_side.csv` and `wavelength.csv`, or the files of a calibrated fan, into `folder`.
 ///
 /// # Errors
 /// Which file cannot be written.
@@ -513,6 +558,9 @@ pub fn write(input: &ReportInput, folder: &Path) -> anyhow::Result<Written> {
     put("poses.csv", &beampose_analysis::poses_csv(&input.captures))?;
     if let Some(result) = &input.translation {
         put("positions.csv", &beampose_analysis::positions_csv(result))?;
+    }
+    if !input.side_by_side.is_empty() {
+        put("side_by_side.csv", &beampose_analysis::side_by_side_csv(&input.side_by_side))?;
     }
     if let Some(drift) = &input.drift {
         put("wavelength.csv", &beampose_analysis::series_csv(&drift.series))?;

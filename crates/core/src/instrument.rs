@@ -82,6 +82,25 @@ pub trait Axis: Instrument {
     fn by_hand(&self) -> Option<ByHand> {
         None
     }
+    /// The search for its reference, where it needs one after power on.
+    fn homing(&self) -> Option<&dyn Homing> {
+        None
+    }
+}
+
+/// A stage that finds its reference by moving to it.
+#[async_trait]
+pub trait Homing: Send + Sync {
+    /// Searches it: the stage moves, perhaps over all of its travel. Returns when it stands.
+    ///
+    /// # Errors
+    /// Any [`InstrumentError`].
+    async fn home(&self) -> Result<(), InstrumentError>;
+    /// Whether it knows its reference.
+    ///
+    /// # Errors
+    /// Any [`InstrumentError`].
+    async fn is_homed(&self) -> Result<bool, InstrumentError>;
 }
 
 /// When a stage that is moved by hand stands where it should.

@@ -20,5 +20,5 @@ pub use instrument::{
 };
 pub use record::{
     Answer, CaptureRecord, Event, EventKind, Gap, Look, Missing, Picture, Quantity, Reading,
-    RunSink, SessionHeader, SessionOutcome, SinkError, StepOutcome, StepRecord,
+    RunSink, SessionHeader, SessionOutcome, SinkError, StepOutcome, StepRecord, UsedFile,
 };

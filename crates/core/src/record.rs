@@ -101,7 +101,8 @@ pub struct CaptureRecord {
     pub id: CaptureId,
     /// Where every axis was told to be, keyed as `rail_mm`; also loop counters such as `pass`.
     pub setpoints: std::collections::BTreeMap<String, f64>,
-    /// What the axes and sensors read nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
+    /// What the axes and sensors read nearest to the trigger, keyed as `rail_mm`, `wavemeter_nm`; of
+    /// a quantity that one sensor alone read also as `wavelength_nm`.
     pub readings: std::collections::BTreeMap<String, f64>,
     /// The pictures, in the order of the cameras' names.
     pub pictures: Vec<Picture>,
@@ -288,6 +289,17 @@ impl SessionOutcome {
     }
 }
 
+/// A file that what solving is told was read from: by its hash it is known where it comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UsedFile {
+    /// The camera that it calibrates; `None` for the fan's pattern.
+    pub camera: Option<InstrumentName>,
+    /// Its name, as the rig has it, or as it was given.
+    pub file: String,
+    /// BLAKE3 of its bytes, in hexadecimal.
+    pub blake3: String,
+}
+
 /// What is known of a session before its first step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionHeader {
@@ -304,6 +316,8 @@ pub struct SessionHeader {
     /// Everything that solving needs beside pictures, self-contained, as JSON: camera
     /// calibrations, pattern, artefact, prior, methods. `app` writes and reads it.
     pub measurement_json: String,
+    /// The files that calibrations and pattern of it were read from.
+    pub files: Vec<UsedFile>,
     /// BLAKE3 over the expanded steps, in hexadecimal.
     pub plan_hash: String,
     /// Where plan and rig came from and what the command line changed, as JSON, so that the session

@@ -18,18 +18,18 @@ fn main() {
 
 fn capture(laboratory: &Laboratory, k: u64, methods: &[Method]) -> CaptureSolution {
     let (sightings, _) = laboratory.capture(k, 90.0 * (k % 10) as f64);
-    let read = Some(laboratory.read_nm());
-    solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ())
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
+    solve_capture(&laboratory.setup, &sightings, &read, methods, &mut || ())
 }
 
 #[divan::bench]
 fn one_capture_virtual_camera(bencher: Bencher<'_, '_>) {
     let laboratory = Laboratory::drawn(1);
     let (sightings, _) = laboratory.capture(1, 400.0);
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     bencher.bench_local(|| {
         let methods = [Method::VirtualCamera];
-        solve_capture(black_box(&laboratory.setup), &sightings, read, &methods, &mut || ())
+        solve_capture(black_box(&laboratory.setup), &sightings, &read, &methods, &mut || ())
     });
 }
 
@@ -37,10 +37,10 @@ fn one_capture_virtual_camera(bencher: Bencher<'_, '_>) {
 fn one_capture_inter_beam_angles(bencher: Bencher<'_, '_>) {
     let laboratory = Laboratory::drawn(1);
     let (sightings, _) = laboratory.capture(1, 400.0);
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     bencher.bench_local(|| {
         let methods = [Method::InterBeamAngles];
-        solve_capture(black_box(&laboratory.setup), &sightings, read, &methods, &mut || ())
+        solve_capture(black_box(&laboratory.setup), &sightings, &read, &methods, &mut || ())
     });
 }
 
@@ -51,7 +51,10 @@ fn session_of_sixty_captures(bencher: Bencher<'_, '_>) {
         (0..60).map(|k| capture(&laboratory, k, &[Method::VirtualCamera])).collect();
     let captures: Vec<SolvedCapture<'_>> = solutions
         .iter()
-        .map(|solution| SolvedCapture { solution, wavelength_nm: Some(laboratory.read_nm()) })
+        .map(|solution| SolvedCapture {
+            solution,
+            wavelength: laboratory.setup.wavelength(Some(laboratory.read_nm())),
+        })
         .collect();
     bencher.bench_local(|| {
         let solution = solve_session(black_box(&laboratory.setup), &captures);

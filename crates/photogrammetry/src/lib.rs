@@ -23,8 +23,12 @@ pub mod rotation;
 pub mod scene;
 pub mod sight;
 pub mod solve;
+pub mod wavelength;
 
 pub use camera::{CalibratedCamera, Camera, InteriorSigma};
 pub use image::{GrayImage, ImageError, decode};
 pub use pattern::{Beam, Order, Pattern, PatternModel, PatternUncertainty};
-pub use scene::{Artefact, ArtefactTarget, ModulePrior, Setup, TieTargets};
+pub use scene::{
+    Artefact, ArtefactTarget, ModulePrior, Setup, TieTargets, WavelengthByTemperature,
+};
+pub use wavelength::{Wavelength, WavelengthSource, WavelengthUse};

@@ -102,13 +102,11 @@ pub(crate) fn cameras_of(step: &Step) -> Option<&[beampose_core::InstrumentName]
 }
 
 fn size(rig: &Rig, camera: &beampose_core::InstrumentName) -> f64 {
-    let Some(Instrument::Camera(camera)) = rig.instruments.get(camera) else {
+    let Some(found @ Instrument::Camera(camera)) = rig.instruments.get(camera) else {
         return PICTURE_BYTES;
     };
     let scale = match &rig.simulation {
-        Some(simulation) if camera.driver.value == crate::rig::SIMULATED => {
-            simulation.picture.scale
-        }
+        Some(simulation) if found.is_of_simulated_world() => simulation.picture.scale,
         _ => 1.0,
     };
     camera.picture_size.map_or(PICTURE_BYTES, |bytes| bytes.0) * scale * scale

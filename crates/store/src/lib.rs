@@ -11,10 +11,12 @@
 //! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
 
 mod batch;
+mod calibrations;
 mod disk;
 mod error;
 mod gaps;
 mod history;
+mod inputs;
 mod labels;
 mod open;
 mod pictures;
@@ -45,9 +47,9 @@ pub use open::path_of;
 pub use processing::fresh_batch;
 pub use remove::Deleted;
 pub use rows::{
-    Attempt, NewProcessing, Note, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow,
-    SessionSummary, SolutionRow, StoredCapture, StoredEvent, StoredReading, StoredSession,
-    StoredStep, Verification,
+    Attempt, Calibration, CalibrationHead, CalibrationKind, CalibrationSource, Kept, NewProcessing,
+    Note, PictureInfo, PoseRow, Processing, ProcessingId, ResultRow, SessionSummary, SolutionRow,
+    StoredCapture, StoredEvent, StoredReading, StoredSession, StoredStep, Verification,
 };
 pub use transfer::Transferred;
 

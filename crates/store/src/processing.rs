@@ -8,6 +8,7 @@ use sqlx::FromRow;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::error::failed_to;
+use crate::inputs::insert_files;
 use crate::rows::{NewProcessing, PoseRow, Processing, ProcessingId, ResultRow, SolutionRow};
 use crate::stamp::{count, damaged, from_json, session_id, timestamp, to_json};
 use crate::writer::begin;
@@ -151,7 +152,13 @@ impl Store {
         .fetch_all(&self.readers)
         .await
         .map_err(failed_to("read the processings"))?;
-        rows.into_iter().map(ProcessingColumns::processing).collect()
+        let mut files = self.files_of_processings(session).await?;
+        let with_files = |columns: ProcessingColumns| {
+            let mut processing = columns.processing()?;
+            processing.start.files = files.remove(&processing.id).unwrap_or_default();
+            Ok(processing)
+        };
+        rows.into_iter().map(with_files).collect()
     }
 
     /// The newest finished processing of a session; the newest of all where none is finished.
@@ -174,7 +181,7 @@ impl Store {
         let rows: Vec<PoseColumns> = sqlx::query_as(
             "SELECT p.capture, p.method, p.status, p.reason, p.x_mm, p.y_mm, p.z_mm, p.qw, p.qx,
                 p.qy, p.qz, p.covariance_json, p.beams_used, p.sigma0, p.wavelength_nm,
-                p.ambiguous
+                p.ambiguous, p.wavelength_source, p.wavelength_u_nm, p.wavelength_age_s
              FROM poses p
              JOIN processings q ON q.id = p.processing
              JOIN captures c ON c.session = q.session AND c.id = p.capture
@@ -279,9 +286,11 @@ async fn insert_processing(
     .bind(&new.lineage_json)
     .bind(&new.measurement_json)
     .bind(&new.batch)
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
-    Ok(ProcessingId(inserted.last_insert_rowid()))
+    let id = ProcessingId(inserted.last_insert_rowid());
+    insert_files(connection, new.session, Some(id), &new.files).await?;
+    Ok(id)
 }
 
 async fn insert_pose(
@@ -299,8 +308,9 @@ async fn insert_pose(
     let covariance = pose.map(|pose| to_json(doing, &pose.covariance)).transpose()?;
     let mut query = sqlx::query(
         "INSERT INTO poses (processing, capture, method, status, reason, x_mm, y_mm, z_mm, qw, qx,
-            qy, qz, covariance_json, beams_used, sigma0, wavelength_nm, ambiguous)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            qy, qz, covariance_json, beams_used, sigma0, wavelength_nm, ambiguous,
+            wavelength_source, wavelength_u_nm, wavelength_age_s)
+         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(processing.0)
     .bind(row.capture.as_str())
@@ -319,6 +329,9 @@ async fn insert_pose(
         .bind(Some(row.sigma0).filter(|value| value.is_finite()))
         .bind(Some(row.wavelength_nm).filter(|value| value.is_finite()))
         .bind(row.ambiguous)
+        .bind(&row.wavelength_source)
+        .bind(row.wavelength_u_nm)
+        .bind(row.wavelength_age_s)
         .execute(connection)
         .await
         .map_err(failed_to(doing))?;
@@ -355,6 +368,7 @@ impl ProcessingColumns {
                 options_json: self.options_json,
                 lineage_json: self.lineage_json,
                 measurement_json: self.measurement_json,
+                files: Vec::new(),
                 batch: self.batch,
             },
         })
@@ -379,6 +393,9 @@ struct PoseColumns {
     sigma0: Option<f64>,
     wavelength_nm: Option<f64>,
     ambiguous: bool,
+    wavelength_source: Option<String>,
+    wavelength_u_nm: Option<f64>,
+    wavelength_age_s: Option<f64>,
 }
 
 impl PoseColumns {
@@ -395,6 +412,9 @@ impl PoseColumns {
             beams_used: count(self.beams_used),
             sigma0: self.sigma0.unwrap_or(f64::NAN),
             wavelength_nm: self.wavelength_nm.unwrap_or(f64::NAN),
+            wavelength_source: self.wavelength_source,
+            wavelength_u_nm: self.wavelength_u_nm,
+            wavelength_age_s: self.wavelength_age_s,
             ambiguous: self.ambiguous,
         })
     }

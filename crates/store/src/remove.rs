@@ -30,7 +30,7 @@ const UNNAMED: &str = "
 
 impl Store {
     /// Deletes a session with everything that belongs to it, in one transaction. Pictures that
-    /// another session has too stay.
+    /// another session has too stay, and so do calibrations: they say that it is gone.
     ///
     /// # Errors
     /// [`StoreError::NotFound`] where there is no such session; [`StoreError::Busy`],
@@ -88,6 +88,14 @@ async fn delete(transaction: &mut Write, session: SessionId) -> Result<Deleted, 
             .await?;
         deleted.rows += done.rows_affected();
     }
+    // A calibration stays, and says what became of what it was made from.
+    sqlx::query(
+        "UPDATE calibration_sources SET deleted_utc = strftime('%Y-%m-%dT%H:%M:%SZ', 'now')
+         WHERE made_from = ?",
+    )
+    .bind(session.to_string())
+    .execute(&mut **transaction)
+    .await?;
     let (pictures, bytes): (i64, i64) = sqlx::query_as(AssertSqlSafe(format!(
         "SELECT count(*), coalesce(sum(length(bytes)), 0) FROM blobs WHERE {UNNAMED}"
     )))

@@ -5,7 +5,7 @@ use std::fmt;
 
 use beampose_core::{
     CaptureId, Event, InstrumentName, Pose, Reading, SessionHeader, SessionId, SessionOutcome,
-    Stamp, StepNumber, StepOutcome,
+    Stamp, StepNumber, StepOutcome, UsedFile,
 };
 use serde::{Deserialize, Serialize};
 
@@ -166,6 +166,8 @@ pub struct NewProcessing {
     pub lineage_json: String,
     /// What solving was told, where that is not what the session was run with; JSON.
     pub measurement_json: Option<String>,
+    /// The files that calibrations and pattern of it were read from; none where it is the session's.
+    pub files: Vec<UsedFile>,
     /// The command that began it, with others perhaps; `None` beside a run.
     pub batch: Option<String>,
 }
@@ -211,6 +213,14 @@ pub struct PoseRow {
     pub sigma0: f64,
     /// The wavelength used, nanometres in vacuum; not a number where there is none.
     pub wavelength_nm: f64,
+    /// Whence the wavelength was known before: `read`, `interpolated` and so on; `None` where
+    /// nothing recorded it.
+    pub wavelength_source: Option<String>,
+    /// Its standard uncertainty then, nanometres.
+    pub wavelength_u_nm: Option<f64>,
+    /// Seconds between the capture and the nearest reading that was used; `None` where that was
+    /// taken at the capture, or none was used.
+    pub wavelength_age_s: Option<f64>,
     /// True where the prior decided between labellings.
     pub ambiguous: bool,
 }
@@ -223,6 +233,89 @@ pub struct ResultRow {
     /// When.
     pub created: jiff::Timestamp,
     /// The result, JSON.
+    pub result_json: String,
+}
+
+/// What a calibration is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CalibrationKind {
+    /// The fan of beams.
+    Pattern,
+    /// A camera.
+    Camera,
+}
+
+/// What a calibration was made from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CalibrationSource {
+    /// A session.
+    Session {
+        /// Its id.
+        id: SessionId,
+        /// Its title.
+        title: String,
+        /// BLAKE3 over its expanded steps, in hexadecimal.
+        plan_hash: String,
+        /// When the processing that it was made from was begun: numbers of processings mean nothing
+        /// in another database. `None` where it was made from readings alone.
+        processing: Option<jiff::Timestamp>,
+        /// Whether it is still there; of what is recorded anew it is not asked.
+        kept: Kept,
+    },
+    /// A file.
+    File {
+        /// Its name.
+        name: String,
+        /// BLAKE3 of its bytes, in hexadecimal.
+        blake3: String,
+    },
+}
+
+/// Where a session that something was made from is now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kept {
+    /// In this database.
+    Here,
+    /// It was deleted here, then.
+    Deleted(jiff::Timestamp),
+    /// In the database that the calibration came from, perhaps.
+    Elsewhere,
+}
+
+/// A recorded calibration without what is in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CalibrationHead {
+    /// BLAKE3 of its file, in hexadecimal: what it is known by.
+    pub blake3: String,
+    /// What it is of.
+    pub kind: CalibrationKind,
+    /// Its name, as of its files.
+    pub name: String,
+    /// How it was made, as in `rotation stage`.
+    pub method: String,
+    /// When it was recorded.
+    pub created: jiff::Timestamp,
+    /// The program's version.
+    pub software: String,
+    /// What it was made from, in order.
+    pub sources: Vec<CalibrationSource>,
+}
+
+/// A recorded calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// Where it comes from.
+    pub head: CalibrationHead,
+    /// Options of the method, JSON.
+    pub options_json: String,
+    /// The file, as rigs take it.
+    pub content: String,
+    /// Its parameters, a JSON array of objects with `name`, `value` and `u`.
+    pub parameters_json: String,
+    /// Their covariance, a JSON array of rows.
+    pub covariance_json: String,
+    /// All that came out, JSON.
     pub result_json: String,
 }
 

@@ -89,6 +89,7 @@ impl HeaderColumns {
             plan_text: self.plan_text,
             rig_text: self.rig_text,
             measurement_json: self.measurement_json,
+            files: Vec::new(),
             plan_hash: self.plan_hash,
             origin_json: self.origin_json,
             software: self.software,
@@ -176,11 +177,14 @@ impl Store {
         .fetch_optional(&self.readers)
         .await
         .map_err(failed_to("read a session"))?;
-        row.ok_or_else(|| StoreError::NotFound {
-            what: format!("session {id}"),
-            nearest: Vec::new(),
-        })?
-        .session(id)
+        let mut session = row
+            .ok_or_else(|| StoreError::NotFound {
+                what: format!("session {id}"),
+                nearest: Vec::new(),
+            })?
+            .session(id)?;
+        session.header.files = self.files_of_session(id).await?;
+        Ok(session)
     }
 
     /// The steps that were run, in their order.

@@ -9,6 +9,7 @@ use beampose_core::{
 
 use crate::batch::Batch;
 use crate::error::failed_to;
+use crate::inputs::insert_files;
 use crate::stamp::{numbers_to_json, word_of};
 use crate::writer::begin;
 use crate::{Store, StoreError};
@@ -83,6 +84,9 @@ impl Store {
         .execute(&mut *transaction)
         .await
         .map_err(failed_to(doing))?;
+        insert_files(&mut transaction, header.id, None, &header.files)
+            .await
+            .map_err(failed_to(doing))?;
         transaction.commit().await.map_err(failed_to(doing))
     }
 

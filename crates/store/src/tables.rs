@@ -1,5 +1,6 @@
 //! The tables of a session, as the schema itself tells them: what is deleted, exported and imported
-//! with it. A table that a later migration adds is found here without being named.
+//! with it. A table that a later migration adds is found here without being named: by its column
+//! `session` or `processing`. What no session owns (pictures, calibrations) is copied by `transfer`.
 
 use sqlx::{AssertSqlSafe, FromRow, SqliteConnection};
 
@@ -96,6 +97,15 @@ pub(crate) async fn session_tables(
         }
     }
     Ok(tables)
+}
+
+/// The names of a table's columns, in their order; none where there is no such table.
+pub(crate) async fn columns_of(
+    connection: &mut SqliteConnection,
+    schema: &str,
+    table: &str,
+) -> Result<Vec<String>, sqlx::Error> {
+    Ok(info(connection, schema, table).await?.into_iter().map(|column| column.name).collect())
 }
 
 async fn table(

@@ -13,7 +13,8 @@ const CAPTURE: &str = "capture";
 
 impl Store {
     /// Hashes every picture of a session again, accounts for every step, and lets SQLite check the
-    /// whole file: its structure, its CHECKs and its foreign keys. One picture at a time is in
+    /// whole file: its structure, its CHECKs and its foreign keys; calibrations, which belong to no
+    /// session, are hashed again too. One picture at a time is in
     /// memory.
     ///
     /// # Errors
@@ -128,7 +129,8 @@ impl Store {
         Ok(problems)
     }
 
-    /// Lets SQLite check the file, whatever session: one sentence for each thing that is wrong.
+    /// Lets SQLite check the file, whatever session, and hashes every recorded calibration again: one
+    /// sentence for each thing that is wrong.
     ///
     /// # Errors
     /// [`StoreError::Busy`] or [`StoreError::Database`] where it cannot be looked at.
@@ -150,6 +152,7 @@ impl Store {
                 format!("{rows} rows refer to what is not there: {relation}")
             }),
         );
+        problems.extend(self.verify_calibrations().await?);
         Ok(problems)
     }
 }

@@ -40,8 +40,15 @@ fn capture() -> (Setup, Vec<(String, Vec<u8>)>) {
         .map(|name| (name.clone(), world.render_jpeg(name, &module, 0).expect("a known camera")))
         .collect();
     let tie_targets = Some(TieTargets { radius_mm: 6.0 });
-    let setup =
-        Setup { cameras, pattern, artefact, tie_targets, module_prior: None, wavelength_u_nm };
+    let setup = Setup {
+        cameras,
+        pattern,
+        artefact,
+        tie_targets,
+        module_prior: None,
+        wavelength_u_nm,
+        wavelength_by_temperature: None,
+    };
     (setup, files)
 }
 
@@ -76,9 +83,9 @@ fn detect_one_picture_in_memory_on_one_thread(bencher: divan::Bencher) {
 #[divan::bench]
 fn three_files_to_pose(bencher: divan::Bencher) {
     let (setup, files) = capture();
+    let read = setup.wavelength(Some(658.0));
     bencher.bench(|| {
-        let solution =
-            solve_capture(&setup, &sightings(&files), Some(658.0), &Method::USUAL, &mut || ());
+        let solution = solve_capture(&setup, &sightings(&files), &read, &Method::USUAL, &mut || ());
         assert!(solution.results.iter().all(|r| r.pose.is_ok()));
         solution
     });
@@ -88,5 +95,6 @@ fn three_files_to_pose(bencher: divan::Bencher) {
 fn solve_from_sightings(bencher: divan::Bencher) {
     let (setup, files) = capture();
     let sightings = sightings(&files);
-    bencher.bench(|| solve_capture(&setup, &sightings, Some(658.0), &Method::USUAL, &mut || ()));
+    let read = setup.wavelength(Some(658.0));
+    bencher.bench(|| solve_capture(&setup, &sightings, &read, &Method::USUAL, &mut || ()));
 }

@@ -1,9 +1,9 @@
-//! Walls, and cameras in space.
+//! Planes and cameras in space.
 
 use beampose_photogrammetry::Camera;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
-use crate::config::{CameraConfig, WallConfig};
+use crate::config::CameraConfig;
 
 /// A unit vector across `normal` that points up in the world (along -Z on a floor or ceiling).
 fn up_across(normal: &Vector3<f64>) -> Vector3<f64> {
@@ -16,57 +16,6 @@ pub(crate) fn plane_axes(normal: &Vector3<f64>) -> Matrix3<f64> {
     let out = normal.normalize();
     let up = up_across(&out);
     Matrix3::from_columns(&[up.cross(&out), up, out])
-}
-
-/// A plane wall.
-#[derive(Debug, Clone)]
-pub(crate) struct Wall {
-    point: Vector3<f64>,
-    /// Columns: right, up, normal.
-    axes: Matrix3<f64>,
-    half_size: Option<[f64; 2]>,
-}
-
-/// Where a ray meets a wall.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Hit {
-    pub(crate) point: Vector3<f64>,
-    pub(crate) normal: Vector3<f64>,
-    pub(crate) distance: f64,
-}
-
-impl Wall {
-    pub(crate) fn new(config: &WallConfig) -> Self {
-        Self {
-            point: Vector3::from(config.point_mm),
-            axes: plane_axes(&Vector3::from(config.normal)),
-            half_size: config.half_size_mm,
-        }
-    }
-
-    fn meet(&self, from: &Vector3<f64>, along: &Vector3<f64>) -> Option<Hit> {
-        let normal = self.axes.column(2).into_owned();
-        let distance = normal.dot(&(self.point - from)) / normal.dot(along);
-        if !(distance.is_finite() && distance > 1e-6) {
-            return None;
-        }
-        let point = from + along * distance;
-        if let Some([right, up]) = self.half_size {
-            let on_wall = self.axes.tr_mul(&(point - self.point));
-            if on_wall.x.abs() > right || on_wall.y.abs() > up {
-                return None;
-            }
-        }
-        Some(Hit { point, normal, distance })
-    }
-}
-
-/// The nearest wall that a ray meets.
-pub(crate) fn nearest(walls: &[Wall], from: &Vector3<f64>, along: &Vector3<f64>) -> Option<Hit> {
-    walls
-        .iter()
-        .filter_map(|wall| wall.meet(from, along))
-        .min_by(|a, b| a.distance.total_cmp(&b.distance))
 }
 
 /// A camera where it truly stands, with its true interior orientation.
@@ -113,24 +62,6 @@ pub(crate) fn scaled(camera: &Camera, scale: f64) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn wall(point_mm: [f64; 3], half_size_mm: Option<[f64; 2]>) -> Wall {
-        Wall::new(&WallConfig { point_mm, normal: [0.0, 0.0, 1.0], half_size_mm })
-    }
-
-    #[test]
-    fn a_ray_meets_the_nearest_wall_that_is_large_enough() {
-        let walls = [
-            wall([0.0; 3], None),
-            wall([0.0, 0.0, 100.0], Some([50.0, 10.0])),
-            wall([0.0, 0.0, 900.0], None),
-        ];
-        let depth = |x: f64, y: f64| {
-            nearest(&walls, &Vector3::new(x, y, 500.0), &-Vector3::z()).unwrap().point.z
-        };
-        assert_eq!([depth(0.0, 0.0), depth(40.0, 0.0), depth(0.0, 40.0)], [100.0, 100.0, 0.0]);
-        assert!(nearest(&walls[..1], &Vector3::z(), &Vector3::z()).is_none());
-    }
 
     #[test]
     fn an_upright_camera_sees_right_to_the_right_and_up_to_the_top() {

@@ -21,6 +21,7 @@ mod geometry;
 pub mod instruments;
 mod motion;
 mod render;
+mod room;
 mod stage;
 mod streams;
 mod truth;

@@ -54,6 +54,11 @@ impl Motion {
         self.legs.push(Leg { start: time, end: time, from: here, to: here });
     }
 
+    /// Whether it is on its way.
+    pub(crate) fn is_under_way(&self, time: Duration) -> bool {
+        self.legs.last().is_some_and(|leg| time < leg.end)
+    }
+
     /// How many times it was told to go or to stop.
     pub(crate) fn commands(&self) -> usize {
         self.earlier + self.legs.len()

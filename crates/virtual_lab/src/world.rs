@@ -12,9 +12,10 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use crate::config::{PointingConfig, WorldConfig};
 use crate::diode::{self, Switches};
 use crate::error::WorldError;
-use crate::geometry::{View, Wall, nearest, scaled};
+use crate::geometry::{View, scaled};
 use crate::motion::Motion;
 use crate::render::{self, StaticLayer};
+use crate::room::Room;
 use crate::stage::module_pose;
 use crate::streams::Streams;
 use crate::truth::{self, DotTruth, TrueParameters, Truth};
@@ -60,7 +61,7 @@ pub struct World {
     pub(crate) config: WorldConfig,
     pub(crate) streams: Streams,
     pub(crate) truth: TrueParameters,
-    pub(crate) walls: Vec<Wall>,
+    pub(crate) room: Room,
     pub(crate) cameras: Vec<PlacedCamera>,
     live: Mutex<Live>,
     history: History,
@@ -160,8 +161,8 @@ impl World {
             switches: Switches::default(),
             rolls: vec![(Duration::ZERO, history.roll_deg)],
         };
-        let walls = config.walls.iter().map(Wall::new).collect();
-        Ok(Self { config, streams, truth, walls, cameras, live: Mutex::new(live), history })
+        let room = Room::new(&config.walls, &config.mirrors);
+        Ok(Self { config, streams, truth, room, cameras, live: Mutex::new(live), history })
     }
 
     /// What an earlier run did.
@@ -253,11 +254,11 @@ impl World {
     pub fn dots(&self, module: &ModuleState) -> Vec<DotTruth> {
         let dot = |beam: Beam| {
             let along = module.world_from_module * beam.direction;
-            let hit = nearest(&self.walls, &module.position, &along);
+            let lit = self.room.lit(&module.position, &along);
             DotTruth {
                 order: beam.order,
                 direction: beam.direction.into(),
-                xyz_mm: hit.map(|h| h.point.into()),
+                xyz_mm: lit.map(|lit| lit.hit.point.into()),
             }
         };
         self.true_beams(module.wavelength_nm).into_iter().map(dot).collect()

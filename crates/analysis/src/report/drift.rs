@@ -231,5 +231,10 @@ fn temperature(found: &WavelengthDrift) -> Markup {
             (plain(flat)) " % (" (fixed(t.ordinary_nm_per_degc, 5)) " nm/°C); the line here accounts for it (Deming). Each \
              mode has an offset of its own. A scale error of the thermometer is not in U."
         }
+        @if let Some(lines) = &found.rig_lines {
+            p { "With these lines below " code { "measurement:" } " in the rig, captures without a reading \
+                 of the wavelength take it from the diode's temperature:" }
+            pre { code { (lines) } }
+        }
     }
 }

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use beampose_core::{
     CaptureId, Identity, InstrumentName, Pose, Quantity, Reading, SessionId, SessionOutcome, Stamp,
 };
-use beampose_photogrammetry::GrayImage;
 use beampose_photogrammetry::solve::{CaptureSolution, Method, MethodResult, StageSeconds};
+use beampose_photogrammetry::{GrayImage, Wavelength};
 use serde::Serialize;
 
 use crate::beam_angles::BeamAngles;
 use crate::score::MethodScore;
+use crate::side_by_side::Evaluation;
 use crate::translation::TranslationResult;
 use crate::verdict::Verdict;
 use crate::wavelength_drift::WavelengthDrift;
@@ -32,6 +33,9 @@ pub struct ReportInput {
     pub captures: Vec<ReportCapture>,
     /// The result, if the experiment is a translation test.
     pub translation: Option<TranslationResult>,
+    /// The session evaluated in several ways, if it is a translation test that was; in the order in
+    /// which they are shown, those of one processing together.
+    pub side_by_side: Vec<Evaluation>,
     /// The result and its series, if the experiment is a wavelength drift.
     pub drift: Option<WavelengthDrift>,
     /// The fan, if the experiment is a beam-angle calibration.
@@ -98,6 +102,9 @@ pub struct ReportCapture {
     pub setpoints: BTreeMap<String, f64>,
     /// Readings nearest to the trigger, keyed as `rail_mm`, `wavelength_nm`.
     pub readings: BTreeMap<String, f64>,
+    /// What is known of the wavelength there when all captures are adjusted together; `None` where
+    /// nobody says.
+    pub wavelength: Option<Wavelength>,
     /// What solving gave, or why nothing was solved at all.
     pub solution: Result<CaptureSolution, String>,
     /// Where the time went; zeros where nobody looked at a clock.
@@ -147,6 +154,8 @@ pub struct Provenance {
     pub options: BTreeMap<String, String>,
     /// Hashes by what they are of: `plan`, `inputs`, `calibration`.
     pub hashes: BTreeMap<String, String>,
+    /// The files that solving was told, and where they come from.
+    pub inputs: Vec<InputOrigin>,
     /// The simulation's seed, if simulated.
     pub seed: Option<u64>,
     /// The instruments and what they said of themselves.
@@ -155,6 +164,63 @@ pub struct Provenance {
     pub plan_text: String,
     /// The rig's text as run; empty for an imported session.
     pub rig_text: String,
+}
+
+/// A file that solving was told.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct InputOrigin {
+    /// The camera that it calibrates; `None` for the pattern.
+    pub camera: Option<String>,
+    /// Its name.
+    pub file: String,
+    /// BLAKE3 of its bytes.
+    pub blake3: String,
+    /// The recorded calibration that it is, if it is one.
+    pub calibration: Option<CalibrationOrigin>,
+}
+
+/// A recorded calibration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CalibrationOrigin {
+    /// What it is known by: BLAKE3 of its file.
+    pub blake3: String,
+    /// Its name.
+    pub name: String,
+    /// How it was made.
+    pub method: String,
+    /// When, RFC 3339.
+    pub created_utc: String,
+    /// The program's version.
+    pub software: String,
+    /// From what.
+    pub made_from: Vec<SourceOrigin>,
+}
+
+/// What a calibration was made from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum SourceOrigin {
+    /// A session.
+    Session {
+        /// Its id.
+        session: String,
+        /// Its title.
+        title: String,
+        /// BLAKE3 over its expanded steps.
+        plan_blake3: String,
+        /// When the processing was begun that it was made from, RFC 3339; `None` where readings
+        /// alone were used.
+        processing_utc: Option<String>,
+        /// Where the session is now: `stored`, `deleted` and when, `not in this database`.
+        state: String,
+    },
+    /// A file.
+    File {
+        /// Its name.
+        name: String,
+        /// BLAKE3 of its bytes.
+        blake3: String,
+    },
 }
 
 impl ReportCapture {

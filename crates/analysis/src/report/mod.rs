@@ -19,17 +19,20 @@ mod picture;
 mod plot;
 mod plots;
 mod provenance;
+mod side_by_side;
 mod stability;
 mod style;
 mod summary;
 mod tables;
+mod wavelength_used;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 pub use calibration::{CalibrationReport, InputFile, LeftOut, calibration_html};
 pub use fan::{FanReport, SessionFanReport, fan_html, session_fan_html};
 pub use input::{
-    Interruption, Provenance, RedoneStep, ReportCapture, ReportInput, ReportPicture, Trace,
+    CalibrationOrigin, InputOrigin, Interruption, Provenance, RedoneStep, ReportCapture,
+    ReportInput, ReportPicture, SourceOrigin, Trace,
 };
 pub use stability::{stability_html, verdict as stability_verdict};
 
@@ -43,6 +46,7 @@ pub fn html(input: &ReportInput) -> String {
         (summary::header(input))
         (summary::verdict(input))
         (translation(input))
+        (side_by_side::section(&input.side_by_side))
         @if let Some(found) = &input.drift { (drift::section(found)) }
         @if let Some(angles) = &input.angles { (closing_in::section(angles)) }
         (scores(input))
@@ -50,7 +54,11 @@ pub fn html(input: &ReportInput) -> String {
         (residuals(input))
         (poses(input))
         (interruptions::interruptions(input))
-        section { h2 { "Environment" } (environment::environment(input)) }
+        section {
+            h2 { "Environment" }
+            (environment::environment(input))
+            (wavelength_used::table(input))
+        }
         @if has_captures(input) {
             section { h2 { "Computing time" } (environment::stages(input)) }
         }

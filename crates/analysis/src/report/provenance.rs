@@ -6,7 +6,7 @@ use beampose_core::Stamp;
 use beampose_photogrammetry::solve::Method;
 use maud::{Markup, html};
 
-use super::input::{Provenance, ReportInput};
+use super::input::{Provenance, ReportInput, SourceOrigin};
 use super::plots::title;
 
 /// Remarks and failures, equal ones together.
@@ -114,6 +114,7 @@ pub fn provenance(p: &Provenance) -> Markup {
             @for (what, hash) in &p.hashes { dt { (what) " hash" } dd { code { (hash) } } }
         }
         @if !p.options.is_empty() { h3 { "Options of the processing" } (pairs(&p.options)) }
+        @if !p.inputs.is_empty() { h3 { "Calibrations" } (inputs(p)) }
         @if !p.instruments.is_empty() { h3 { "Instruments" } (instruments(p)) }
         (text("Plan as run", &p.plan_text))
         (text("Rig as run", &p.rig_text))
@@ -130,6 +131,44 @@ pub fn time(stamp: &Stamp) -> String {
 fn pairs(pairs: &BTreeMap<String, String>) -> Markup {
     html! {
         dl.facts { @for (name, value) in pairs { dt { (name) } dd { (value) } } }
+    }
+}
+
+/// Which file each calibration was read from, and where that comes from.
+fn inputs(p: &Provenance) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr { th.text { "of" } th.text { "file" } th.text { "BLAKE3" } th.text { "recorded as" } th.text { "made from" } } }
+            tbody {
+                @for input in &p.inputs {
+                    tr {
+                        td.text { (input.camera.as_deref().unwrap_or("pattern")) }
+                        td.text { (input.file) }
+                        td.text { code { (input.blake3.get(..12).unwrap_or_default()) } }
+                        @match &input.calibration {
+                            Some(c) => {
+                                td.text { (c.name) ", " (c.method) ", " (c.created_utc.get(..10).unwrap_or_default()) }
+                                td.text { @for source in &c.made_from { div { (made_from(source)) } } }
+                            }
+                            None => { td.text { "–" } td.text { "not recorded here" } }
+                        }
+                    }
+                }
+            }
+        } }
+    }
+}
+
+fn made_from(source: &SourceOrigin) -> Markup {
+    html! {
+        @match source {
+            SourceOrigin::Session { session, title, state, .. } => {
+                "session " code { (session) } " (" (title) "; " (state) ")"
+            }
+            SourceOrigin::File { name, blake3 } => {
+                (name) " " code { (blake3.get(..12).unwrap_or_default()) }
+            }
+        }
     }
 }
 

@@ -5,7 +5,7 @@ pub const CSS: &str = r#"
 :root {
   color-scheme: light dark;
   --paper: #ffffff; --ink: #1b1f23; --muted: #586069; --rule: #c9ced3; --grid: #e6e9ec;
-  --m0: #b23a1e; --m1: #1d4d85; --third: #5d6b2f;
+  --m0: #b23a1e; --m1: #1d4d85; --third: #5d6b2f; --c3: #7d4a86; --c4: #94700f; --c5: #1d6a8a;
   --pass: #2a6a3a; --fail: #a8201a; --open: #805b00; --wash: #f5f6f7;
   --dot: #ffd84d; --target: #5fd0ff; --stray: #ff6b5e;
   --serif: Charter, "Bitstream Charter", "Sitka Text", Cambria, Georgia, "DejaVu Serif", serif;
@@ -14,7 +14,7 @@ pub const CSS: &str = r#"
 @media screen and (prefers-color-scheme: dark) {
   :root {
     --paper: #15181b; --ink: #e3e6e8; --muted: #9aa5af; --rule: #3c434a; --grid: #2a2f34;
-    --m0: #f0906a; --m1: #83b6ee; --third: #b9c97e;
+    --m0: #f0906a; --m1: #83b6ee; --third: #b9c97e; --c3: #cf9dd8; --c4: #dcb75c; --c5: #6cc3dd;
     --pass: #7fcb91; --fail: #f2938b; --open: #dcb75c; --wash: #1d2125;
   }
 }
@@ -71,6 +71,10 @@ ul.legend svg { display: inline-block; }
 .names text { fill: var(--ink); font-size: 12.5px; }
 .s0 { color: var(--m0); } .s1 { color: var(--m1); } .s2 { color: var(--third); } .s3 { color: var(--muted); } .s4 { color: var(--m0); } .s5 { color: var(--m1); }
 .s0 :is(circle, rect), .s1 :is(circle, rect), .s2 :is(circle, rect), .s3 :is(circle, rect), .s4 :is(circle, rect), .s5 :is(circle, rect) { fill: currentColor; }
+.c0 { color: var(--m0); } .c1 { color: var(--m1); } .c2 { color: var(--third); } .c3 { color: var(--c3); } .c4 { color: var(--c4); } .c5 { color: var(--c5); }
+:is(.c0, .c1, .c2, .c3, .c4, .c5) :is(circle, rect) { fill: currentColor; }
+:is(.c0, .c1, .c2, .c3, .c4, .c5) circle.ring { fill: var(--paper); stroke: currentColor; stroke-width: 1.6; }
+th svg.key { display: inline-block; width: 14px; height: 14px; vertical-align: -2px; }
 .faint { opacity: .42; }
 :is(.s0, .s1, .s2, .s3, .s4, .s5) circle.ring { fill: none; stroke: currentColor; stroke-width: 1.3; }
 .bars path { fill: none; stroke: currentColor; stroke-width: 1.4; }

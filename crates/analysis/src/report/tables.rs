@@ -129,7 +129,8 @@ pub fn poses(input: &ReportInput, method: Method) -> Markup {
                 "Position in the artefact's frame and orientation as ω, φ, κ (R = Rx Ry Rz, module \
                  axes x right, y up, z back); u are standard uncertainties. σ₀ is the root of the a \
                  posteriori variance of unit weight, near 1 where the stated noise is true. An asterisk \
-                 marks captures where the prior decided between labellings that fit alike."
+                 marks captures where the prior decided between labellings that fit alike. λ is the \
+                 wavelength used, in vacuum, and from where it was known."
             }
         }
     }
@@ -141,7 +142,7 @@ fn pose_head() -> Markup {
             th { "capture" } th.text { "setpoints" }
             @for axis in ["X", "Y", "Z"] { th { (axis) br; "mm" } th.u { "u" br; "mm" } }
             @for angle in ["ω", "φ", "κ"] { th { (angle) br; "°" } th.u { "u" br; "°" } }
-            th { "σ₀" } th { "beams" }
+            th { "σ₀" } th { "beams" } th { "λ" br; "nm" } th.text { "from" }
         }
     } }
 }
@@ -153,7 +154,7 @@ fn pose_row(capture: &ReportCapture, method: Method, place: usize, turn: usize) 
             return html! {
                 tr {
                     th { (capture.id) } td.name { (setpoints(capture)) }
-                    td.text colspan="14" { "not solved: " (reason) }
+                    td.text colspan="16" { "not solved: " (reason) }
                 }
             };
         }
@@ -172,6 +173,8 @@ fn pose_row(capture: &ReportCapture, method: Method, place: usize, turn: usize) 
             }
             td { (fixed(result.sigma0, 2)) }
             td { (result.beams_used) }
+            td { (fixed(result.wavelength_nm, 3)) }
+            td.name { (result.wavelength.map_or(NONE, |known| known.source.name())) }
         }
     }
 }

@@ -30,6 +30,9 @@ pub struct WavelengthDrift {
     pub result: WavelengthDriftResult,
     /// The readings of the stretch of light that was analysed.
     pub series: Vec<SeriesPoint>,
+    /// What a rig says of the line of wavelength over temperature; filled in by who knows the sensors'
+    /// names.
+    pub rig_lines: Option<String>,
 }
 
 /// Analyses a wavelength drift.
@@ -50,7 +53,7 @@ pub fn wavelength_drift(input: &WavelengthDriftInput<'_>) -> WavelengthDrift {
     result.stray_readings = strays.len();
     (result.verdict, result.reasons) = judge(&result);
     let series = points(&all, &strays, &found, &result, [&diode, &room]);
-    WavelengthDrift { result, series }
+    WavelengthDrift { result, series, rig_lines: None }
 }
 
 /// The longest stretch of light, as seconds of the session, and what is said of the others.
@@ -233,7 +236,7 @@ fn nothing(input: &WavelengthDriftInput<'_>, all: &Series, notes: Vec<String>) -
         mark: PointMark::WarmingUp,
     };
     let series = all.at_s.iter().zip(&all.value).map(point).collect();
-    WavelengthDrift { result, series }
+    WavelengthDrift { result, series, rig_lines: None }
 }
 
 fn points(

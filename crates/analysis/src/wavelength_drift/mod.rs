@@ -14,6 +14,7 @@ mod judge;
 mod model;
 mod recommend;
 mod result;
+mod rig_lines;
 mod series;
 mod temperature;
 
@@ -27,6 +28,7 @@ pub use result::{
     AllanPoint, AllanSegment, DriftLimitsApplied, ModeHop, PointMark, Recommendation, RoomAir,
     SeriesPoint, Settling, SteadyDrift, TemperatureCoefficient, WarmUp, WavelengthDriftResult,
 };
+pub use rig_lines::rig_lines;
 
 /// One reading of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -21,11 +21,12 @@ fn every_line_of_the_poses_has_every_column() {
     let text = poses_csv(&input.captures);
     let lines: Vec<_> = text.lines().map(fields).collect();
     assert_eq!(lines.len(), 1 + 2 * 3 + 1);
-    assert!(lines.iter().all(|l| l.len() == 1 + 2 + 21 + 21), "{text}");
+    assert!(lines.iter().all(|l| l.len() == 1 + 2 + 24 + 21), "{text}");
     assert_eq!(lines[0][..5], ["id", "pass", "rail_mm", "method", "status"]);
     assert_eq!(lines[1][..5], ["p000", "1", "0", "inter-beam-angles", "solved"]);
     assert_eq!(lines[7][4], "cam_a; cam_b: dark");
     let column = |name: &str| lines[0].iter().position(|h| h == name).unwrap();
+    assert_eq!(lines[1][column("wavelength_source")], "read");
     let number = |name: &str| lines[1][column(name)].parse::<f64>().unwrap();
     // The stated standard uncertainty of z at the first stop, and its square on the diagonal.
     assert!((number("u_z_mm") - 0.09).abs() < 1e-12 && (number("c33") - 0.0081).abs() < 1e-12);
@@ -47,6 +48,12 @@ fn the_json_says_verdict_and_counts_with_and_without_an_analysis() {
     {
         assert!(!value[key].is_null(), "{key}");
     }
+    let made_from = &value["inputs"][0]["calibration"]["made_from"][0];
+    assert_eq!(
+        (&made_from["kind"], &made_from["processing_utc"]),
+        (&"session".into(), &serde_json::Value::Null)
+    );
+    assert!(value["inputs"][1]["calibration"].is_null());
     assert_eq!(value["limits"]["max_abs_difference_mm"]["virtual-camera"], 0.5);
     let bare = json(&around(session(&SIZE).captures)).unwrap();
     assert_eq!((&bare["captures"], &bare["solved"]), (&4.into(), &4.into()));

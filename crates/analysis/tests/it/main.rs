@@ -6,6 +6,7 @@ mod compare;
 mod export;
 mod report;
 mod score;
+mod side_by_side;
 mod synthetic;
 mod table_6_4;
 mod translation;

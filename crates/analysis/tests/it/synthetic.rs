@@ -5,7 +5,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use beampose_analysis::report::{Provenance, ReportCapture, ReportPicture, Trace};
+use beampose_analysis::report::{
+    CalibrationOrigin, InputOrigin, Provenance, ReportCapture, ReportPicture, SourceOrigin, Trace,
+};
 use beampose_analysis::{
     DistanceRule, Limits, ReportInput, ScoredCapture, StatedScale, TranslationInput, TravelCapture,
     Truth, Verdict, score, translation,
@@ -18,7 +20,7 @@ use beampose_photogrammetry::rotation::{from_omega_phi_kappa, wxyz};
 use beampose_photogrammetry::solve::{
     CameraSolution, CaptureSolution, Method, MethodResult, Observation, StageSeconds, Subject,
 };
-use beampose_photogrammetry::{GrayImage, Order};
+use beampose_photogrammetry::{GrayImage, Order, Wavelength, WavelengthSource};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -141,7 +143,15 @@ fn result(method: Method, truth: &Truth, u_mm: [f64; 3], noise: &mut Noise) -> M
     };
     let (beams_used, sigma0) = (119, 1.0 + noise.normal(0.05));
     let wavelength_nm = 658.02 + noise.normal(0.003);
-    MethodResult { method, pose: Ok(pose), beams_used, sigma0, wavelength_nm, ambiguous: false }
+    let known = Wavelength {
+        source: WavelengthSource::Read,
+        nm: wavelength_nm,
+        own_u_nm: 0.0,
+        common_u_nm: 0.01,
+        age_s: None,
+    };
+    let (pose, wavelength) = (Ok(pose), Some(known));
+    MethodResult { method, pose, beams_used, sigma0, wavelength_nm, wavelength, ambiguous: false }
 }
 
 fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCapture, Truth) {
@@ -180,6 +190,7 @@ fn capture(size: &Size, pass: u32, stop: u32, noise: &mut Noise) -> (ReportCaptu
             ("rail_mm".to_owned(), rail),
             ("wavelength_nm".to_owned(), wavelength),
         ]),
+        wavelength: None,
         solution: Ok(solution),
         seconds: StageSeconds { decode: 0.11, detect: 0.42, identify: 0.05, adjust: 0.18 },
     };
@@ -274,6 +285,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         methods: Method::USUAL.to_vec(),
         captures,
         translation: None,
+        side_by_side: vec![],
         drift: None,
         angles: None,
         scores: BTreeMap::new(),
@@ -290,6 +302,7 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
             processed_with: "beampose 0.1.0".to_owned(),
             options: text([("methods", "inter-beam-angles, virtual-camera"), ("outlier limit", "4 sigma")]),
             hashes: text([("inputs", "b3:7d2f41c09a6e55e1"), ("plan", "b3:0f8e2a77c41b9d36")]),
+            inputs: inputs(),
             seed: Some(11),
             instruments: BTreeMap::from([
                 ("cam_a".into(), identity("simulated camera")),
@@ -301,6 +314,36 @@ pub fn around(captures: Vec<ReportCapture>) -> ReportInput {
         interruptions: vec![],
         notes: vec!["the laser warmed up for 10 min before the first capture".to_owned()],
     }
+}
+
+/// A fan calibrated in a session that is gone, and a camera of which nothing is known.
+fn inputs() -> Vec<InputOrigin> {
+    let session = SourceOrigin::Session {
+        session: "0193458a-0000-7000-8000-000000000001".to_owned(),
+        title: "beam angles <monday>".to_owned(),
+        plan_blake3: "00ff".repeat(16),
+        processing_utc: None,
+        state: "deleted 2026-11-20T08:30:00Z".to_owned(),
+    };
+    let csv = SourceOrigin::File { name: "measured.csv".to_owned(), blake3: "0f1e".repeat(16) };
+    let fan = CalibrationOrigin {
+        blake3: "7d2f".repeat(16),
+        name: "fan".to_owned(),
+        method: "rotation stage".to_owned(),
+        created_utc: "2026-11-19T08:30:00Z".to_owned(),
+        software: "beampose 0.1.0".to_owned(),
+        made_from: vec![session, csv],
+    };
+    let input = |camera: Option<&str>, file: &str, calibration: Option<CalibrationOrigin>| {
+        let blake3 = if camera.is_none() { "7d2f" } else { "41c0" }.repeat(16);
+        InputOrigin {
+            camera: camera.map(str::to_owned),
+            file: file.to_owned(),
+            blake3,
+            calibration,
+        }
+    };
+    vec![input(None, "fan.yaml", Some(fan)), input(Some("cam_a"), "cam_a.yaml", None)]
 }
 
 fn pictures(size: &Size, capture: &ReportCapture) -> Vec<ReportPicture> {

@@ -35,7 +35,8 @@ impl Check {
         let mut checked = checked(&self.plan, self.rig.as_deref(), &Overrides::default())
             .map_err(Ended::input)?;
         // Instruments are built, not connected: what `run` would refuse, `check` says.
-        wiring::laboratory(&checked, &Before::default()).map_err(Ended::input)?;
+        wiring::laboratory(&checked.rig, &checked.rig_folder, &Before::default(), None)
+            .map_err(Ended::input)?;
         // What is stored of this rig says more than the rig; a database is not made for that.
         if let Ok(store) = self.database.open_existing().await {
             checked.summary.estimate = learned(&store, &checked.summary).await?;

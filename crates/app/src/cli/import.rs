@@ -99,6 +99,7 @@ fn header(foreign: &ForeignSession, clock: &RealClock) -> anyhow::Result<Session
         plan_text: String::new(),
         rig_text: foreign.text.clone(),
         measurement_json: serde_json::to_string(&foreign.setup)?,
+        files: foreign.files.clone(),
         plan_hash: blake3::hash(foreign.text.as_bytes()).to_hex().to_string(),
         origin_json: None,
         software: SOFTWARE.to_owned(),

@@ -1,12 +1,14 @@
 //! The command line. Each command is a file here and a line in `Command`.
 
 mod calibrate;
+mod calibrations;
 mod check;
 mod export;
 mod filter;
 mod import;
 pub mod report;
 mod resume;
+mod rig;
 mod run;
 mod score;
 pub mod sessions;
@@ -73,7 +75,10 @@ enum Command {
     Report(report::Report),
     Score(score::Score),
     Calibrate(calibrate::Calibrate),
+    Calibrations(calibrations::Calibrations),
     Targets(targets::Targets),
+    Rig(rig::Rig),
+    SimInstruments(rig::simulate::SimInstruments),
 }
 
 /// Which database.
@@ -168,6 +173,7 @@ pub fn main() -> ExitCode {
     let ended = match cli.command {
         Command::Check(check) => with_runtime(check.execute()),
         Command::Calibrate(calibrate) => with_runtime(calibrate.execute()),
+        Command::Calibrations(calibrations) => with_runtime(calibrations.execute()),
         Command::Targets(targets) => targets.execute(),
         Command::Run(run) => with_runtime(run.execute()),
         Command::Resume(resume) => with_runtime(resume.execute()),
@@ -178,6 +184,8 @@ pub fn main() -> ExitCode {
         Command::Solve(solve) => with_runtime(solve.execute()),
         Command::Report(report) => with_runtime(report.execute()),
         Command::Score(score) => with_runtime(score.execute()),
+        Command::Rig(rig) => with_runtime(rig.execute()),
+        Command::SimInstruments(simulators) => with_runtime(simulators.execute()),
     };
     match ended {
         Ok(Exit::Success) if lost() => Exit::Failed.into(),

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use beampose_core::{Gap, Look, SessionId, SessionOutcome, Stamp, StepNumber, StepOutcome};
 use beampose_engine::{Earlier, restoration};
@@ -16,7 +17,7 @@ use crate::output::{Exit, complain};
 use crate::pipeline::SOFTWARE;
 use crate::session_lock::SessionLock;
 use crate::session_report::method_of;
-use crate::wiring::{self, Before};
+use crate::wiring::{self, Before, Recorder};
 
 /// Go on with a session that was stopped or died
 ///
@@ -68,8 +69,9 @@ impl Resume {
         let earlier = behind(&checked.summary.steps, &steps);
         refuse_other_steps(&checked, &steps, &earlier)?;
         let answers = self.shown.read_answers()?;
-        let session =
-            Session { answers, ..prepare(&store, &stored, steps, checked, earlier).await? };
+        let recorder = self.shown.recorder()?;
+        let session = prepare(&store, &stored, steps, checked, earlier, recorder).await?;
+        let session = Session { answers, ..session };
         self.refuse_changes(&stored, &session)?;
         if let Some((_, gap)) = &session.earlier {
             tell(&session, gap);
@@ -185,6 +187,7 @@ async fn prepare(
     steps: Vec<StoredStep>,
     checked: Checked,
     mut earlier: Earlier,
+    recorder: Option<Arc<Recorder>>,
 ) -> Result<Session, Ended> {
     let id = stored.header.id;
     let answers = store.answers(id).await?;
@@ -209,7 +212,8 @@ async fn prepare(
         times: Some((stored.header.opened, stopped)),
         history: wiring::history(&checked, &earlier, &looks, &restored, pictures),
     };
-    let laboratory = wiring::laboratory(&checked, &before).map_err(Ended::input)?;
+    let (rig, folder) = (&checked.rig, &checked.rig_folder);
+    let laboratory = wiring::laboratory(rig, folder, &before, recorder).map_err(Ended::input)?;
     let gap = Gap {
         stopped,
         resumed: laboratory.clock.shared().now(),

@@ -42,7 +42,13 @@ impl Run {
         for warning in &checked.summary.warnings {
             complain(&warning.to_string());
         }
-        let laboratory = wiring::laboratory(&checked, &Before::default()).map_err(Ended::input)?;
+        let laboratory = wiring::laboratory(
+            &checked.rig,
+            &checked.rig_folder,
+            &Before::default(),
+            self.shown.recorder()?,
+        )
+        .map_err(Ended::input)?;
         let answers = self.shown.read_answers()?;
         self.shown.refuse_a_file()?;
         let store = self.database.open().await?;
@@ -69,6 +75,7 @@ fn header(
         plan_text: checked.plan.source.text().to_owned(),
         rig_text: checked.rig.source.text().to_owned(),
         measurement_json: serde_json::to_string(&laboratory.setup)?,
+        files: laboratory.files.clone(),
         plan_hash: checked.summary.plan_hash.clone(),
         origin_json: Some(serde_json::to_string(origin)?),
         software: SOFTWARE.to_owned(),

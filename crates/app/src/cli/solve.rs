@@ -4,17 +4,18 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use beampose_core::SessionId;
-use beampose_photogrammetry::Setup;
 use beampose_photogrammetry::rotation::{from_wxyz, omega_phi_kappa};
 use beampose_photogrammetry::solve::{Method, MethodResult};
+use beampose_photogrammetry::{Setup, WavelengthUse};
 use beampose_store::{SessionSummary, Store};
 
 use super::filter::Filter;
 use super::{Database, Ended, close, find};
 use crate::batch::{Batch, Job, Outcome, Work};
+use crate::calibration::MeasuredWith;
 use crate::other_inputs::{Inputs, OtherInputs};
 use crate::output::{Exit, complain, print};
-use crate::pipeline::{Pipeline, Solved};
+use crate::pipeline::{Pipeline, Solved, Told};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
 
@@ -35,6 +36,16 @@ pub struct Solve {
     /// session-adjustment, all captures of the session in one adjustment
     #[arg(long = "method", value_name = "METHOD", value_parser = super::method)]
     methods: Vec<Method>,
+    /// Which wavelength the fan is corrected to at each capture: best, live, read, interpolated,
+    /// temperature or nominal
+    ///
+    /// `best`: the one read at the capture; else interpolated between the readings before and after it,
+    /// or from the diode's temperature, whichever is less uncertain. `live`: the same by what had been
+    /// read until then, as the run itself. `read`: only a reading at the capture. `interpolated`: only
+    /// readings. `temperature`: only the diode's temperature. Where nothing is known it has a wide
+    /// prior. `nominal`: no correction, the fan is as it is at its reference wavelength.
+    #[arg(long, value_name = "SOURCE", value_parser = wavelength, default_value = "best")]
+    wavelength: WavelengthUse,
     /// Print one JSON object for each capture and method, then one for the session
     #[arg(long)]
     json: bool,
@@ -54,13 +65,13 @@ impl Solve {
         let inputs = self.inputs.read().map_err(Ended::input)?;
         let store = self.database.open_existing().await?;
         let (ids, captures) = self.chosen(&store).await?;
-        let methods = methods(&self.methods);
+        let wanted = Told { methods: methods(&self.methods), wavelength: self.wavelength };
         let work = Work::new(Progress::solving(captures, !self.json));
         let listening = tokio::spawn(listen(work.clone()));
         let mut jobs = Vec::new();
         let mut failed = 0;
         for id in ids {
-            match job(&store, id, &methods, &inputs).await {
+            match job(&store, id, &wanted, &inputs).await {
                 Ok(job) => jobs.push(job),
                 // Of one session it is the answer; of many, the others are solved all the same.
                 Err(error) if !self.all && self.sessions.len() == 1 => return Err(error.into()),
@@ -75,7 +86,7 @@ impl Solve {
             let sessions = batch.continued;
             complain(&format!("{sessions} of these were begun before: going on with them"));
         }
-        let told = self.solve(&store, batch, &work, &methods).await;
+        let told = self.solve(&store, batch, &work, &wanted.methods).await;
         listening.abort();
         work.progress.finish();
         close(store).await;
@@ -112,8 +123,8 @@ impl Solve {
         batch: Batch,
         work: &Work,
         methods: &[Method],
-    ) -> Told {
-        let mut told = Told::default();
+    ) -> Ends {
+        let mut told = Ends::default();
         batch
             .solve(store, work, |id, outcome| match outcome {
                 Ok(Outcome::Solved(processing, solved)) => {
@@ -160,12 +171,12 @@ fn is_running(id: SessionId, holder: &str) -> String {
 
 /// What became of a command's sessions, those that are solved aside.
 #[derive(Default)]
-struct Told {
+struct Ends {
     stopped: usize,
     errors: Vec<(SessionId, anyhow::Error)>,
 }
 
-impl Told {
+impl Ends {
     fn exit(mut self, failed: usize) -> Result<Exit, Ended> {
         if self.stopped > 0 {
             let sessions = self.stopped;
@@ -187,6 +198,13 @@ impl Told {
     }
 }
 
+fn wavelength(text: &str) -> Result<WavelengthUse, String> {
+    WavelengthUse::named(text).ok_or_else(|| {
+        let names = WavelengthUse::ALL.map(WavelengthUse::name);
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
 /// The methods of the command line, each once; without any the usual ones.
 fn methods(named: &[Method]) -> Vec<Method> {
     if named.is_empty() {
@@ -196,20 +214,16 @@ fn methods(named: &[Method]) -> Vec<Method> {
     once.into_iter().collect()
 }
 
-async fn job(
-    store: &Store,
-    id: SessionId,
-    methods: &[Method],
-    inputs: &Inputs,
-) -> anyhow::Result<Job> {
-    let told = if inputs.is_none() {
+async fn job(store: &Store, id: SessionId, wanted: &Told, inputs: &Inputs) -> anyhow::Result<Job> {
+    let other = if inputs.is_none() {
         None
     } else {
-        let json = store.session(id).await?.header.measurement_json;
-        let setup = serde_json::from_str(&json)?;
-        Some(inputs.instead(setup).map_err(anyhow::Error::msg)?)
+        let header = store.session(id).await?.header;
+        let setup = serde_json::from_str(&header.measurement_json)?;
+        let own = MeasuredWith { setup, files: header.files };
+        Some(inputs.instead(own).map_err(anyhow::Error::msg)?)
     };
-    Job::new(store, id, methods, told).await
+    Job::new(store, id, wanted, other).await
 }
 
 /// Stops at the first wish to: no capture is begun any more, those under way are finished.
@@ -235,7 +249,7 @@ async fn listen(work: Work) {
     }
 }
 
-/// Solves all captures of a stored session as a new processing.
+/// Solves all captures of a stored session as a new processing, as the run itself would have.
 ///
 /// # Errors
 /// When the session cannot be read, or the store fails.
@@ -266,6 +280,9 @@ fn line(one: &Solved, result: &MethodResult) -> serde_json::Value {
         "beams_used": result.beams_used,
         "sigma0": result.sigma0,
         "wavelength_nm": result.wavelength_nm,
+        "wavelength_source": result.wavelength.map(|known| known.source.name()),
+        "wavelength_u_nm": result.wavelength.map(|known| known.u_nm()),
+        "wavelength_age_s": result.wavelength.and_then(|known| known.age_s),
         "ambiguous": result.ambiguous,
         "seconds": seconds,
         "notes": one.solution.notes,

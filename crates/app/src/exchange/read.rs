@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use beampose_core::{CaptureId, InstrumentName};
+use beampose_core::{CaptureId, InstrumentName, UsedFile};
 use beampose_photogrammetry::camera::read_camera_info;
 use beampose_photogrammetry::pattern::read_pattern_with;
 use beampose_photogrammetry::scene::{RING_BITS, canonical_code};
@@ -17,7 +17,7 @@ use serde::Deserialize;
 use serde_yaml::{Location, Spanned};
 
 use super::{Folder, SESSION_FILE, beams};
-use crate::calibration::WAVELENGTH_U_NM;
+use crate::calibration::{WAVELENGTH_U_NM, used};
 
 /// Standard uncertainty of the focal length, by the focal length: 1.6 um of 6 mm, the published
 /// repeatability of the calibration.
@@ -35,6 +35,8 @@ pub struct ForeignSession {
     pub title: String,
     /// What solving needs.
     pub setup: Setup,
+    /// The files of its calibrations and pattern.
+    pub files: Vec<UsedFile>,
     /// Its captures, in the file's order.
     pub captures: Vec<ForeignCapture>,
     /// `session.yaml` as it stands.
@@ -102,14 +104,15 @@ struct CaptureFile {
 pub fn read(folder: &Folder) -> Result<ForeignSession, Faults> {
     let source = source(folder, SESSION_FILE)?;
     let file = parse(&source)?;
-    let mut reader = Reader { folder, source: &source, faults: Faults::default() };
+    let (faults, files) = (Faults::default(), Vec::new());
+    let mut reader = Reader { folder, source: &source, faults, files };
     let cameras = reader.cameras(&file.cameras);
     let pattern = reader.pattern(&file.pattern);
     let artefact = reader.artefact(&file.artefact);
     let tie_targets = file.tie_targets.map(|t| reader.tie_targets(&t));
     let module_prior = file.module_prior.map(|p| reader.module_prior(&p));
     let captures = reader.captures(&file.captures, &file.cameras);
-    let faults = reader.faults;
+    let Reader { faults, files, .. } = reader;
     let Some(pattern) = pattern.filter(|_| faults.is_empty()) else {
         return Err(faults);
     };
@@ -120,8 +123,10 @@ pub fn read(folder: &Folder) -> Result<ForeignSession, Faults> {
         tie_targets,
         module_prior,
         wavelength_u_nm: WAVELENGTH_U_NM,
+        wavelength_by_temperature: None,
     };
-    Ok(ForeignSession { title: file.title, setup, captures, text: source.text().to_owned() })
+    let text = source.text().to_owned();
+    Ok(ForeignSession { title: file.title, setup, files, captures, text })
 }
 
 fn source(folder: &Folder, name: &str) -> Result<Source, Fault> {
@@ -172,6 +177,7 @@ struct Reader<'a> {
     folder: &'a Folder,
     source: &'a Source,
     faults: Faults,
+    files: Vec<UsedFile>,
 }
 
 impl Reader<'_> {
@@ -213,6 +219,8 @@ impl Reader<'_> {
             match read_camera_info(text.text()) {
                 Ok(model) => {
                     cameras.insert(name.clone(), calibrated(model));
+                    let camera = InstrumentName(name.clone());
+                    self.files.push(used(Some(&camera), &file.calibration.value, text.text()));
                 }
                 Err(error) => self.faults.push(Fault::of_file(text.name(), error.to_string())),
             }
@@ -232,7 +240,10 @@ impl Reader<'_> {
             beams::parse(file, &text, size)
         });
         match read {
-            Ok(pattern) => Some(pattern),
+            Ok(pattern) => {
+                self.files.push(used(None, &name.value, text.text()));
+                Some(pattern)
+            }
             Err(error) => {
                 self.faults.push(Fault::of_file(text.name(), error.to_string()));
                 None

@@ -1,9 +1,12 @@
 //! What goes wrong on demand, as the rig declares it.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
+use std::time::Duration;
 
 use beampose_core::{Clock, InstrumentName, RunSink};
+use beampose_drivers::sim::Fault as OfBytes;
 use beampose_engine::Bench;
 use beampose_plan::rig::{FaultKind as Declared, SimulatedFault};
 use beampose_plan::{Instrument, Rig};
@@ -12,20 +15,56 @@ use beampose_virtual_lab::faults::{
     FaultySink,
 };
 
-use super::Laboratory;
+use super::{Laboratory, Wires};
 
 /// The faults of a rig; `None` of one that has none.
-pub fn faults(rig: &Rig, clock: &Arc<dyn Clock>, step: &Arc<AtomicU32>) -> Option<Arc<Faults>> {
+pub fn faults(
+    rig: &Rig,
+    clock: &Arc<dyn Clock>,
+    step: &Arc<AtomicU32>,
+    wires: &Wires,
+) -> Option<Arc<Faults>> {
     let simulation = rig.simulation.as_ref()?;
     let declared = simulation.faults.as_ref()?;
     let simulated = |name: &str| {
         let found = rig.instruments.get(&InstrumentName::from(name));
-        found.is_none_or(Instrument::is_simulated)
+        found.is_none_or(Instrument::is_of_simulated_world)
     };
     let faults = declared.iter().map(|at| fault(&at.value));
-    let faults = faults.filter(|fault| simulated(&fault.instrument)).collect();
-    Some(Faults::new(faults, simulation.seed, clock.clone(), step.clone()))
+    let faults = faults.filter(|fault| simulated(&fault.instrument));
+    // What a line of bytes does, its simulator does to the bytes; the rest is done to the calls.
+    let on_a_line = |fault: &Fault| {
+        let name = InstrumentName::from(fault.instrument.as_str());
+        FaultKind::LINE.contains(&fault.kind) && wires.host(&name).is_some()
+    };
+    let (of_lines, of_calls): (Vec<_>, Vec<_>) = faults.partition(on_a_line);
+    let made = |faults| Faults::new(faults, simulation.seed, clock.clone(), step.clone());
+    let lines: BTreeSet<String> = of_lines.iter().map(|it| it.instrument.clone()).collect();
+    let of_lines = made(of_lines);
+    for line in lines {
+        if let Some(host) = wires.host(&InstrumentName::from(line.as_str())) {
+            let faults = of_lines.clone();
+            host.trouble().from(move || faults.on_the_line(&line).and_then(of_bytes));
+        }
+    }
+    Some(made(of_calls))
 }
+
+/// What a fault of a line is to its bytes.
+const fn of_bytes(kind: FaultKind) -> Option<OfBytes> {
+    Some(match kind {
+        FaultKind::NoAnswer => OfBytes::Silent,
+        FaultKind::LateAnswer => OfBytes::Late(LATE),
+        FaultKind::Garbled => OfBytes::Garbled,
+        FaultKind::Disconnect => OfBytes::Cut,
+        FaultKind::Refused => OfBytes::Refused,
+        FaultKind::Reboot => OfBytes::Reboot,
+        _ => return None,
+    })
+}
+
+/// Later than any driver waits. Real time.
+const LATE: Duration = Duration::from_millis(1500);
 
 fn fault(declared: &SimulatedFault) -> Fault {
     Fault {
@@ -46,6 +85,7 @@ const fn kind(declared: Declared) -> FaultKind {
         Declared::Garbled => FaultKind::Garbled,
         Declared::Disconnect => FaultKind::Disconnect,
         Declared::Refused => FaultKind::Refused,
+        Declared::Reboot => FaultKind::Reboot,
         Declared::WrongReadback => FaultKind::WrongReadback,
         Declared::Stall => FaultKind::Stall,
         Declared::Overshoot => FaultKind::Overshoot,

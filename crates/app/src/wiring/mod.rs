@@ -4,25 +4,29 @@
 //! `beampose_drivers`; simulated ones share one [`World`].
 
 mod faults;
+mod parts;
 pub mod person;
+pub mod probe;
 mod sight;
+mod wires;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use beampose_core::clock::BoxFuture;
 use beampose_core::{
-    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, VirtualClock,
+    Axis, ByHand, Clock, InstrumentName, Look, Quantity, Stamp, StepNumber, UsedFile, VirtualClock,
 };
 use beampose_engine::{Bench, Earlier, RealClock};
 use beampose_photogrammetry::Setup;
 use beampose_plan::rig::{self, Simulation};
-use beampose_plan::{Action, ClockKind, Instrument, Rig, Step};
+use beampose_plan::{Action, At, ClockKind, Instrument, Rig, Step};
 use beampose_virtual_lab::config::{
-    BeamConfig, CameraConfig, DiodeConfig, HopAt, ModeHop, ModuleConfig, PictureConfig,
-    PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig, StageConfig,
-    TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
+    BeamConfig, CameraConfig, DiodeConfig, HopAt, MirrorConfig, ModeHop, ModuleConfig,
+    PictureConfig, PointingConfig, Polarity, RailConfig, RoomConfig, RotationConfig, SpeckleConfig,
+    StageConfig, TargetConfig, TargetRole, ThermometerConfig, WallConfig, WavemeterConfig,
 };
 use beampose_virtual_lab::faults::Faults;
 use beampose_virtual_lab::{
@@ -31,6 +35,9 @@ use beampose_virtual_lab::{
     World, WorldConfig,
 };
 use jiff::SignedDuration;
+
+pub use beampose_drivers::transport::Recorder;
+pub use wires::Wires;
 
 use crate::calibration;
 use crate::input::Checked;
@@ -98,8 +105,13 @@ pub struct Laboratory {
     pub world: Option<Arc<World>>,
     /// What solving is told: calibrations at the size that pictures have.
     pub setup: Setup,
+    /// The files that it was read from.
+    pub files: Vec<UsedFile>,
     /// What goes wrong on demand.
     pub faults: Option<Arc<Faults>>,
+    /// The lines to instruments that real drivers speak to, and their simulators.
+    #[expect(dead_code, reason = "held, not read: simulators answer as long as it lives")]
+    pub wires: Wires,
 }
 
 /// What an earlier run of the session leaves; nothing where there was none.
@@ -195,49 +207,89 @@ fn stage_of<'a>(
 ///
 /// # Errors
 /// Which file is at fault, or which instrument cannot be built, and why, for people.
-pub fn laboratory(checked: &Checked, before: &Before) -> Result<Laboratory, String> {
-    let (rig, folder) = (&checked.rig, &checked.rig_folder);
+pub fn laboratory(
+    rig: &Rig,
+    folder: &Path,
+    before: &Before,
+    recorder: Option<Arc<Recorder>>,
+) -> Result<Laboratory, String> {
     // Calibrations at full picture size.
-    let setup = calibration::setup(rig, folder)?;
-    let fan = calibration::simulated_fan(rig, folder)?;
+    let calibration::MeasuredWith { setup, files } = calibration::setup(rig, folder)?;
     let unknown = rig.unknown_drivers(beampose_drivers::known);
     if !unknown.is_empty() {
         return Err(unknown.to_string());
     }
+    let mut wired = wires::wired(rig).map_err(|faults| faults.to_string())?;
     let clock = LabClock::of(rig.clock, before);
-    let world = match &rig.simulation {
-        Some(simulation) => {
-            let pattern = fan.unwrap_or_else(|| setup.pattern.clone());
-            let config = WorldConfig { pattern, ..world_config(rig, simulation, &setup)? };
-            let world = World::after(config, simulation.seed, before.history.clone())
-                .map_err(|error| format!("{}: simulation: {error}", rig.source.name()))?;
-            Some(Arc::new(world))
-        }
-        None => None,
-    };
+    let world = world(rig, folder, &setup, before)?;
     let setup = match &world {
         Some(world) => Setup { cameras: world.calibrations(), ..setup },
         None => setup,
     };
     let mut bench = bench(rig, world.as_ref(), &clock.shared())?;
+    let mut wires = Wires::recorded(recorder);
+    wires.simulate(rig, &mut wired, world.as_ref(), &clock.shared())?;
+    wires.connect(wired, folder, &clock.shared(), &mut bench)?;
     let tolerance =
         |(name, it): (&InstrumentName, &Instrument)| Some((name.clone(), it.tolerance()?));
     let scale = rig.simulation.as_ref().map_or(1.0, |simulation| simulation.picture.scale);
     bench.sight = Some(Arc::new(sight::PatternSight::new(setup.pattern.clone(), scale)));
     bench.tolerances = rig.instruments.iter().filter_map(tolerance).collect();
-    let faults = faults::faults(rig, &clock.shared(), &bench.under_way);
+    let faults = faults::faults(rig, &clock.shared(), &bench.under_way, &wires);
     if let Some(faults) = &faults {
         bench = faults::faulty(bench, faults);
     }
-    Ok(Laboratory { bench, clock, world, setup, faults })
+    Ok(Laboratory { bench, clock, world, setup, files, faults, wires })
+}
+
+/// The simulated world of a rig that has one.
+fn world(
+    rig: &Rig,
+    folder: &Path,
+    setup: &Setup,
+    before: &Before,
+) -> Result<Option<Arc<World>>, String> {
+    let Some(simulation) = &rig.simulation else { return Ok(None) };
+    let fan = calibration::simulated_fan(rig, folder)?;
+    let pattern = fan.unwrap_or_else(|| setup.pattern.clone());
+    let config = WorldConfig { pattern, ..world_config(rig, simulation, setup)? };
+    World::after(config, simulation.seed, before.history.clone())
+        .map(|world| Some(Arc::new(world)))
+        .map_err(|error| format!("{}: simulation: {error}", rig.source.name()))
+}
+
+/// Simulators that run on their own, in real time.
+pub struct Simulators {
+    addresses: Vec<(String, &'static str, String)>,
+    _wires: Wires,
+}
+
+impl Simulators {
+    /// Name, driver and address of each.
+    pub fn addresses(&self) -> &[(String, &'static str, String)] {
+        &self.addresses
+    }
+}
+
+/// Starts the simulators of a rig, all in one world.
+///
+/// # Errors
+/// Which file is at fault, or which simulator cannot be had, and why, for people.
+pub fn simulators(rig: &Rig, folder: &Path) -> Result<Simulators, String> {
+    let setup = calibration::setup(rig, folder)?.setup;
+    let mut wired = wires::wired(rig).map_err(|faults| faults.to_string())?;
+    wired.retain(wires::Wired::asks_for_simulator);
+    let world = world(rig, folder, &setup, &Before::default())?;
+    let clock: Arc<dyn Clock> = Arc::new(RealClock::start());
+    let mut wires = Wires::default();
+    wires.simulate(rig, &mut wired, world.as_ref(), &clock)?;
+    let addresses = wired.iter().map(wires::Wired::place).collect();
+    Ok(Simulators { addresses, _wires: wires })
 }
 
 fn bench(rig: &Rig, world: Option<&Arc<World>>, clock: &Arc<dyn Clock>) -> Result<Bench, String> {
     let mut bench = Bench::default();
-    for (name, instrument) in &rig.instruments {
-        if !instrument.is_simulated() {
-            return Err(format!("{name}: there is no driver {:?}", instrument.driver().value));
-        }
+    for (name, instrument) in rig.instruments.iter().filter(|(_, it)| it.is_simulated()) {
         let world =
             world.ok_or_else(|| format!("{name} is simulated, but the rig has no `simulation`"))?;
         add_simulated(&mut bench, name, instrument, world, clock)
@@ -332,6 +384,7 @@ fn world_config(rig: &Rig, simulation: &Simulation, setup: &Setup) -> Result<Wor
                 half_size_mm: None,
             })
             .collect(),
+        mirrors: simulation.mirrors.iter().flatten().map(mirror).collect(),
         targets: targets(simulation, setup),
         artefact_scale_relative_u: setup.artefact.scale_relative_u,
         cameras: cameras(rig, simulation, setup)?,
@@ -448,6 +501,14 @@ fn mode_hop(hop: &rig::simulation::ModeHop) -> ModeHop {
         rig::simulation::HopAt::Temperature(temperature) => HopAt::DiodeDegc(temperature.0),
     };
     ModeHop { at, by_nm: hop.by.0 }
+}
+
+fn mirror(mirror: &At<rig::simulation::Mirror>) -> MirrorConfig {
+    MirrorConfig {
+        point_mm: mirror.value.point.map(|x| x.0),
+        normal: mirror.value.normal.value,
+        half_size_mm: mirror.value.half_size.map(|x| x.0),
+    }
 }
 
 /// Grey levels at full scale.

@@ -108,7 +108,13 @@ fn a_folder_of_pictures_gives_its_camera_and_says_what_it_left_out() {
         assert!(off.abs() < 4.0 * found["standard_deviation"].as_f64().unwrap(), "{found}");
     }
     assert_eq!(json["inputs"].as_array().unwrap().len(), 7);
-    assert!(lab.path("calibrations/morning.yaml").exists());
+    let file = std::fs::read(lab.path("calibrations/morning.yaml")).unwrap();
+    let recorded = lab.beampose(&["calibrations", "show", "latest", "--json"]).expect_code(0);
+    let recorded = recorded.json();
+    assert_eq!(recorded["blake3"], blake3::hash(&file).to_hex().to_string());
+    assert_eq!((&recorded["kind"], &recorded["name"]), (&"camera".into(), &"morning".into()));
+    assert_eq!(recorded["parameters"][0]["u"], json["parameters"][0]["standard_deviation"]);
+    assert_eq!(recorded["made_from"].as_array().unwrap().len(), 7);
 }
 
 #[test]
@@ -201,6 +207,13 @@ fn measured_angles_give_a_pattern_that_reads_back_and_its_files() {
     let text = std::fs::read_to_string(lab.path("out/stage.yaml")).unwrap();
     let pattern = beampose_photogrammetry::pattern::read_pattern(&text).unwrap();
     assert_eq!(pattern.u.common_relative, json["u"]["common_relative"].as_f64().unwrap());
+    // It is recorded, with the file that it was made from.
+    let recorded = lab.beampose(&["calibrations", "--json"]).expect_code(0).json();
+    assert_eq!(recorded["blake3"], blake3::hash(text.as_bytes()).to_hex().to_string());
+    assert_eq!((&recorded["name"], &recorded["kind"]), (&"stage".into(), &"pattern".into()));
+    let csv = blake3::hash(measured_angles().as_bytes()).to_hex().to_string();
+    let from = serde_json::json!([{ "kind": "file", "name": "stage.csv", "blake3": csv }]);
+    assert_eq!(recorded["made_from"], from);
     let angles = std::fs::read_to_string(lab.path("out/stage_angles.csv")).unwrap();
     assert_eq!(angles.lines().count(), 421);
     let page = std::fs::read_to_string(lab.path("out/stage.html")).unwrap();
@@ -276,4 +289,5 @@ fn what_cannot_be_calibrated_or_printed_is_told_in_one_message() {
         assert_eq!(ended.out, "", "{typed}");
     }
     assert!(!lab.path("calibrations").exists(), "nothing is written of a broken input");
+    assert!(!lab.path("beampose.db").exists(), "nor recorded");
 }

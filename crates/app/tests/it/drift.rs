@@ -55,7 +55,13 @@ fn a_drift_is_analysed_reported_and_kept() {
     let error = number(&coefficient["coefficient_nm_per_degc"]) - 0.3;
     let u = number(&coefficient["standard_uncertainty_nm_per_degc"]);
     assert!(u < 0.002 && error.abs() < 4.0 * u, "{coefficient}");
+    // What it prints for the rig, a rig takes.
+    let lines = report["rig_lines"].as_str().unwrap();
+    let pasted = format!("measurement:\n{lines}");
+    lab.write_rig("pasted", &replaced(&rig(""), "measurement:\n", &pasted));
+    lab.beampose(&["check", "plan.yaml", "--rig", "rigs/pasted.yaml"]).expect_code(0);
     let page = std::fs::read_to_string(lab.path("report/report.html")).unwrap();
+    assert!(page.contains(lines), "{lines}");
     for said in ["Wavelength from a cold start", "Mode hops", "Allan deviation", "settled"] {
         assert!(page.contains(said), "{said}");
     }

@@ -13,6 +13,7 @@ mod drift;
 mod exchange;
 mod fault_matrix;
 mod lab;
+mod lineage;
 mod other_pictures;
 mod plans;
 mod repeating;
@@ -24,3 +25,6 @@ mod score;
 mod stopping;
 mod stored;
 mod unsolvable;
+mod wavelength_use;
+#[cfg(unix)]
+mod wires;

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use beampose_core::{
     Camera, CaptureId, CaptureRecord, EventKind, Frame, InstrumentError, InstrumentName, Picture,
+    Quantity,
 };
 use beampose_plan::OnError;
 use futures::future::join_all;
@@ -98,10 +99,27 @@ impl Doing<'_, '_> {
     pub(super) fn capture_record(&self, id: &CaptureId, pictures: Vec<Picture>) -> CaptureRecord {
         let mut setpoints = self.step.context.clone();
         setpoints.extend(self.situation.setpoints.clone());
-        let mut readings = self.situation.sensed.clone();
+        let mut readings = by_name_and_quantity(&self.situation.sensed);
         readings.extend(self.situation.encoders.clone());
         CaptureRecord { id: id.clone(), setpoints, readings, pictures }
     }
+}
+
+/// What a capture keeps of sensors: each one's reading by its name, as encoders have it
+/// (`thermometer_degc`), and by the quantity alone (`temperature_degc`) where no other sensor read it.
+fn by_name_and_quantity(
+    sensed: &BTreeMap<InstrumentName, (Quantity, f64)>,
+) -> BTreeMap<String, f64> {
+    let mut readings = BTreeMap::new();
+    for (quantity, value) in sensed.values() {
+        if sensed.values().filter(|(other, _)| other == quantity).count() == 1 {
+            readings.insert(quantity.to_string(), *value);
+        }
+    }
+    for (name, (quantity, value)) in sensed {
+        readings.insert(format!("{name}_{}", quantity.suffix()), *value);
+    }
+    readings
 }
 
 /// How far apart the triggers of a capture were sent.
@@ -132,5 +150,29 @@ pub(super) fn picture(camera: &InstrumentName, frame: Frame) -> Picture {
         bytes: frame.bytes,
         requested: frame.requested,
         delivered: frame.delivered,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_sensors_of_one_quantity_are_told_apart() {
+        let sensed = [
+            ("diode", (Quantity::Temperature, 25.3)),
+            ("room", (Quantity::Temperature, 21.5)),
+            ("wavemeter", (Quantity::Wavelength, 658.02)),
+        ];
+        let sensed = sensed.map(|(name, read)| (InstrumentName::from(name), read)).into();
+        let kept: Vec<(String, f64)> = by_name_and_quantity(&sensed).into_iter().collect();
+        let expected = [
+            ("diode_degc", 25.3),
+            ("room_degc", 21.5),
+            ("wavelength_nm", 658.02),
+            ("wavemeter_nm", 658.02),
+        ];
+        // No temperature stands for both.
+        assert_eq!(kept, expected.map(|(name, value)| (name.to_owned(), value)));
     }
 }

@@ -33,8 +33,8 @@ pub(crate) struct Situation {
     setpoints: BTreeMap<String, f64>,
     /// What encoders read since their axis last moved, keyed alike.
     encoders: BTreeMap<String, f64>,
-    /// What sensors read since any axis last moved, keyed as `temperature_degc`.
-    sensed: BTreeMap<String, f64>,
+    /// What sensors read since any axis last moved.
+    sensed: BTreeMap<InstrumentName, (Quantity, f64)>,
     /// Axes told to move that have not confirmed to stand.
     pub(crate) moving: BTreeSet<InstrumentName>,
     /// Cameras armed and not yet triggered.
@@ -79,7 +79,7 @@ impl Situation {
                 self.encoders.insert(key, reading.value);
             }
             _ => {
-                self.sensed.insert(reading.quantity.to_string(), reading.value);
+                self.sensed.insert(name.clone(), (reading.quantity, reading.value));
             }
         }
     }

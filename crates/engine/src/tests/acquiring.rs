@@ -50,7 +50,9 @@ fn setpoints_and_readings_land_in_the_capture() {
             ("rail_mm", 10.25),
             ("stage_deg", 30.25),
             ("temperature_degc", 21.5),
+            ("thermometer_degc", 21.5),
             ("wavelength_nm", 658.02),
+            ("wavemeter_nm", 658.02),
         ]
     );
     let cameras: Vec<_> = capture.pictures.iter().map(|it| it.camera.as_str()).collect();

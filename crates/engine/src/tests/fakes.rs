@@ -460,6 +460,7 @@ pub fn header(steps: &[Step]) -> SessionHeader {
         plan_text: String::new(),
         rig_text: String::new(),
         measurement_json: "{}".to_owned(),
+        files: Vec::new(),
         plan_hash: String::new(),
         origin_json: None,
         software: "test".to_owned(),

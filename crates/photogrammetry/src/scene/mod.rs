@@ -69,4 +69,27 @@ pub struct Setup {
     pub module_prior: Option<ModulePrior>,
     /// Standard uncertainty of the wavelength reading, nanometres.
     pub wavelength_u_nm: f64,
+    /// How the wavelength follows the diode's temperature, where that was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wavelength_by_temperature: Option<WavelengthByTemperature>,
+}
+
+/// The line of a diode's wavelength over its temperature, as a wavelength drift finds it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WavelengthByTemperature {
+    /// The thermometer on the diode, by its name in the rig.
+    pub thermometer: String,
+    /// A temperature on the line, degrees Celsius.
+    pub at_degc: f64,
+    /// The wavelength there, in vacuum, nanometres.
+    pub wavelength_nm: f64,
+    /// Its standard uncertainty, nanometres.
+    pub wavelength_u_nm: f64,
+    /// The coefficient, nanometres per degree.
+    pub per_degree_nm: f64,
+    /// Its standard uncertainty, nanometres per degree.
+    pub per_degree_u_nm: f64,
+    /// Standard uncertainty of a reading of the thermometer, degrees.
+    pub temperature_u_degc: f64,
 }

@@ -20,9 +20,8 @@ use crate::identify::{Labelled, View, choose_turn, label_views};
 use crate::pattern::Order;
 use crate::pose::{Estimator, Station};
 use crate::scene::Setup;
+use crate::wavelength::Wavelength;
 
-/// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
-pub(super) const UNREAD_WAVELENGTH: f64 = 6e-4;
 /// Fewer dots in space than this do not fix six unknowns with anything to spare.
 const FEWEST_BEAMS: usize = 6;
 
@@ -37,16 +36,15 @@ pub struct Sighting {
 
 /// Solves one capture.
 ///
-/// `sightings` are keyed by camera name; `wavelength_nm` is the reading at the capture, if there is
-/// one. Every method of `methods` that needs no other capture has a result, be it the reason why
-/// there is no pose. `identified`
-/// is called when cameras are oriented and beams named, before the adjustment: nothing here reads a
+/// `sightings` are keyed by camera name; `wavelength` is what is known of it at the capture. Every
+/// method of `methods` that needs no other capture has a result, be it the reason why there is no
+/// pose. `identified` is called when cameras are oriented and beams named, before the adjustment: nothing here reads a
 /// clock, but the caller may.
 #[must_use]
 pub fn solve_capture(
     setup: &Setup,
     sightings: &BTreeMap<String, Sighting>,
-    wavelength_nm: Option<f64>,
+    wavelength: &Wavelength,
     methods: &[Method],
     identified: &mut dyn FnMut(),
 ) -> CaptureSolution {
@@ -54,17 +52,21 @@ pub fn solve_capture(
         methods.iter().copied().filter(|m| Method::OF_A_CAPTURE.contains(m)).collect();
     let methods = methods.as_slice();
     let (cameras, mut notes) = orient(setup, sightings);
-    let scale = fan_scale(setup, wavelength_nm);
+    let scale = wavelength.fan_scale(&setup.pattern);
     let labels = label(setup, &cameras);
     identified();
     let outcome = labels.and_then(|labels| located(setup, &cameras, labels, scale, methods));
-    match outcome {
+    let mut solution = match outcome {
         Ok(mut solution) => {
             notes.append(&mut solution.notes);
             CaptureSolution { notes, ..solution }
         }
         Err(reason) => failed(setup, methods, scale.0, &notes, &reason),
+    };
+    for result in &mut solution.results {
+        result.wavelength = Some(*wavelength);
     }
+    solution
 }
 
 fn failed(
@@ -82,6 +84,7 @@ fn failed(
         beams_used: 0,
         sigma0: 0.0,
         wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale),
+        wavelength: None,
         ambiguous: false,
     };
     CaptureSolution {
@@ -90,17 +93,6 @@ fn failed(
         results: methods.iter().map(result).collect(),
         notes: notes.to_vec(),
     }
-}
-
-/// The fan's relative scale with its standard uncertainty: wavelength and calibration together.
-fn fan_scale(setup: &Setup, wavelength_nm: Option<f64>) -> (f64, f64) {
-    let pattern = &setup.pattern;
-    let of_reading = setup.wavelength_u_nm / pattern.reference_wavelength_nm;
-    let (scale, of_wavelength) = match wavelength_nm {
-        Some(nm) => (pattern.scale_at(nm), of_reading),
-        None => (0.0, UNREAD_WAVELENGTH),
-    };
-    (scale, pattern.u.common_relative.hypot(of_wavelength))
 }
 
 fn located(
@@ -262,6 +254,7 @@ fn from_dots(
             beams_used: dots.orders.len(),
             sigma0: found.sigma0,
             wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale.0),
+            wavelength: None,
             ambiguous: false,
         },
         Err(reason) => unsolved(setup, method, scale.0, &reason),
@@ -275,6 +268,7 @@ fn unsolved(setup: &Setup, method: Method, scale: f64, reason: &str) -> MethodRe
         beams_used: 0,
         sigma0: 0.0,
         wavelength_nm: setup.pattern.reference_wavelength_nm * (1.0 + scale),
+        wavelength: None,
         ambiguous: false,
     }
 }
@@ -321,6 +315,7 @@ fn by_virtual_camera(
         sigma0: summary.sigma0(),
         wavelength_nm: setup.pattern.reference_wavelength_nm
             * (1.0 + scene.problem.modules[0].scale),
+        wavelength: None,
         ambiguous: false,
     };
     Ok((result, scene, summary))

@@ -20,18 +20,19 @@ use crate::adjust::{
 };
 use crate::pose::Station;
 use crate::scene::Setup;
+use crate::wavelength::Wavelength;
 
 /// What is left of a beam's direction beside its constant error, radians: far below what a dot
 /// tells, so that the dot lies on its beam.
 const BEAM_JITTER: f64 = 2e-6;
 
-/// One capture of the session: its own solution, and the wavelength read at it.
+/// One capture of the session: its own solution, and the wavelength there.
 #[derive(Debug, Clone, Copy)]
 pub struct SolvedCapture<'a> {
     /// The capture's solution by itself; observations, start values.
     pub solution: &'a CaptureSolution,
-    /// The wavelength read, if one was.
-    pub wavelength_nm: Option<f64>,
+    /// What is known of the wavelength at it.
+    pub wavelength: Wavelength,
 }
 
 /// A camera that was knocked: it has an orientation of its own from a capture on.
@@ -137,7 +138,7 @@ impl<'a> Builder<'a> {
     fn new(setup: &'a Setup, captures: &[SolvedCapture<'_>]) -> Result<Self, String> {
         let mut problem = Problem {
             artefact_scale_sigma: setup.artefact.scale_relative_u,
-            fan: fan(setup),
+            fan: fan(setup, captures),
             ..Problem::default()
         };
         let mut cameras = BTreeMap::new();
@@ -177,11 +178,9 @@ impl<'a> Builder<'a> {
             .or_else(|| Method::OF_A_CAPTURE.iter().find_map(|method| of(*method)))?;
         let module = self.problem.modules.len();
         let pattern = &self.setup.pattern;
-        // The reading's error is common to the session: it is the shared fan's.
-        let (scale, sigma) = match capture.wavelength_nm {
-            Some(nm) => (pattern.scale_at(nm), 0.0),
-            None => (0.0, super::capture::UNREAD_WAVELENGTH),
-        };
+        // What the readings share (the meter's error) is the shared fan's.
+        let scale = pattern.scale_at(capture.wavelength.nm);
+        let sigma = capture.wavelength.own_u_nm / pattern.reference_wavelength_nm;
         self.problem.modules.push(ModuleStation {
             station: station(start.position_mm, start.quaternion_wxyz),
             scale,
@@ -286,9 +285,11 @@ impl<'a> Builder<'a> {
     }
 }
 
-fn fan(setup: &Setup) -> SharedFan {
+fn fan(setup: &Setup, captures: &[SolvedCapture<'_>]) -> SharedFan {
     let pattern = &setup.pattern;
-    let of_reading = setup.wavelength_u_nm / pattern.reference_wavelength_nm;
+    // Where sources are mixed, the most uncertain counts: they are not told apart.
+    let common = captures.iter().map(|c| c.wavelength.common_u_nm).fold(0.0, f64::max);
+    let of_reading = common / pattern.reference_wavelength_nm;
     SharedFan {
         scale: 0.0,
         scale_sigma: pattern.u.common_relative.hypot(of_reading),

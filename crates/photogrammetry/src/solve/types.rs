@@ -6,6 +6,7 @@ use beampose_core::Pose;
 use serde::{Deserialize, Serialize};
 
 use crate::pattern::Order;
+use crate::wavelength::Wavelength;
 
 /// How the module is found from the observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -115,6 +116,9 @@ pub struct MethodResult {
     pub sigma0: f64,
     /// The wavelength used: read, or estimated with the reading as prior.
     pub wavelength_nm: f64,
+    /// What was known of it before, and whence; `None` of what an earlier version solved.
+    #[serde(default)]
+    pub wavelength: Option<Wavelength>,
     /// True where more than one labelling fits as well and the prior decided.
     pub ambiguous: bool,
 }

@@ -203,6 +203,39 @@ fn without_a_stated_uncertainty_the_repetitions_say_it() {
     assert!((sum.sqrt() - 1.0).abs() < 3.0 * 0.018, "{sum}");
 }
 
+/// What the stage's graduation adds to all repetitions of a pair, no repetition shows: told of it, the
+/// sum of squares is what its degrees of freedom say, and the stated uncertainties hold; not told, both
+/// are too small. The allowances are those of the test over 500 runs.
+#[test]
+fn what_the_repetitions_of_a_pair_share_is_in_the_weights() {
+    const RUNS: u64 = 300;
+    let u_stage = BudgetSizes::table_4_1().stage_reading * 2f64.sqrt();
+    let grid = FanOptions { model: Some(FanModel::RadialGrid), ..options(Wavelength::Read) };
+    let told = FanOptions { u_stage, ..grid.clone() };
+    let (mut chi2, mut redundancy, mut squares) = ([0.0; 2], [0; 2], [0.0; 2]);
+    for seed in 0..RUNS {
+        let mut measured = draw(&truth(), Wavelength::Read, 5000 + seed);
+        let mut random = ChaCha8Rng::seed_from_u64(9000 + seed);
+        for pair in measured.chunk_by_mut(|a, b| (a.from, a.to) == (b.from, b.to)) {
+            let graduation: f64 = StandardNormal.sample(&mut random);
+            pair.iter_mut().for_each(|a| a.angle += u_stage * graduation);
+        }
+        for (i, options) in [&grid, &told].into_iter().enumerate() {
+            let found = calibrate_fan(&measured, options).unwrap();
+            chi2[i] += found.fit.chi2;
+            redundancy[i] += found.fit.redundancy();
+            squares[i] += normalised(&found).iter().map(|e| e * e).sum::<f64>() / 2.0;
+        }
+    }
+    let unit = [0, 1].map(|i| chi2[i] / redundancy[i] as f64);
+    println!("chi2 {unit:?}, mean squares {:?}", squares.map(|s| s / RUNS as f64));
+    assert!((unit[1] - 1.0).abs() < 3.0 * (2.0 / redundancy[1] as f64).sqrt(), "{unit:?}");
+    assert!(unit[0] > 2.0, "{unit:?}");
+    // Of pitch and radial term together.
+    let allowed = 3.0 * (2.0 / RUNS as f64).sqrt();
+    assert!((squares[1] / RUNS as f64 - 1.0).abs() < allowed, "{squares:?}");
+}
+
 /// A grating with two periods and a tilt shows in the angles; the grid's model does not fit it.
 #[test]
 fn a_tilted_grating_with_two_periods_is_told_from_a_radial_grid() {

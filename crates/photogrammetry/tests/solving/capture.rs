@@ -14,7 +14,8 @@ fn solve(
     wavelength_nm: Option<f64>,
 ) -> CaptureSolution {
     let methods = &Method::USUAL;
-    solve_capture(&laboratory.setup, sightings, wavelength_nm, methods, &mut || ())
+    let wavelength = laboratory.setup.wavelength(wavelength_nm);
+    solve_capture(&laboratory.setup, sightings, &wavelength, methods, &mut || ())
 }
 
 /// NEES of the position (three coordinates) for one method's pose.

@@ -90,9 +90,9 @@ fn outcome(case: Case, seed: u64) -> Outcome {
     };
     let (mut sightings, truth) = laboratory.shot(seed, &shot);
     damage(&mut sightings, case.hidden, seed);
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     let methods = &Method::USUAL;
-    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    let solution = solve_capture(&laboratory.setup, &sightings, &read, methods, &mut || ());
     let poses: Result<Vec<f64>, String> =
         solution.results.iter().map(|r| Ok(truth.normalised(&r.pose.clone()?).0)).collect();
     poses.map_or_else(Outcome::Refused, Outcome::Solved)
@@ -172,15 +172,15 @@ fn a_hidden_rim_straight_before_the_wall_is_decided_by_the_zero_order_alone() {
             (3..8).contains(&column) && (3..8).contains(&row)
         });
     }
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     let methods = &Method::USUAL;
-    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    let solution = solve_capture(&laboratory.setup, &sightings, &read, methods, &mut || ());
     for result in &solution.results {
         // 99.99 % of a chi squared of six.
         assert!(truth.normalised(result.pose.as_ref().unwrap()).0 < 27.9, "{:?}", result.method);
     }
     laboratory.setup.pattern.zero_order_relative_intensity = None;
-    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    let solution = solve_capture(&laboratory.setup, &sightings, &read, methods, &mut || ());
     let reason = solution.results[0].pose.as_ref().unwrap_err();
     assert!(reason.contains("ambiguous"), "{reason}");
 }

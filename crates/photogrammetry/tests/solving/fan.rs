@@ -15,10 +15,10 @@ fn passes(
     seed: u64,
     turns_deg: &[f64],
 ) -> Vec<CaptureSolution> {
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     let solve = |sightings: &_| {
         let methods = [Method::VirtualCamera];
-        solve_capture(&laboratory.setup, sightings, read, &methods, &mut || ())
+        solve_capture(&laboratory.setup, sightings, &read, &methods, &mut || ())
     };
     let turned = turns_deg.iter().enumerate().map(|(k, turn)| {
         solve(&laboratory.capture_turned(1000 * seed + 700 + k as u64, 450.0, *turn).0)
@@ -33,9 +33,9 @@ fn calibrate(
     solutions: &[CaptureSolution],
     prior: FanPrior,
 ) -> SessionFan {
-    let wavelength_nm = Some(laboratory.read_nm());
+    let wavelength = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     let captures: Vec<SolvedCapture<'_>> =
-        solutions.iter().map(|solution| SolvedCapture { solution, wavelength_nm }).collect();
+        solutions.iter().map(|solution| SolvedCapture { solution, wavelength }).collect();
     calibrate_from_session(&laboratory.setup, &captures, prior).unwrap()
 }
 

@@ -175,6 +175,7 @@ fn setup(cameras: Cameras<'_>) -> Setup {
         tie_targets: Some(TieTargets { radius_mm: 6.0 }),
         module_prior: None,
         wavelength_u_nm: 0.02,
+        wavelength_by_temperature: None,
     }
 }
 

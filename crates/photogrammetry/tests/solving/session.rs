@@ -17,9 +17,9 @@ fn session(
     let (mut solutions, mut truths) = (Vec::new(), Vec::new());
     for k in captures {
         let (sightings, truth) = laboratory.capture(1000 * seed + k, 100.0 * (k % 10) as f64);
-        let read = Some(laboratory.read_nm());
+        let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
         let methods = [Method::VirtualCamera];
-        solutions.push(solve_capture(&laboratory.setup, &sightings, read, &methods, &mut || ()));
+        solutions.push(solve_capture(&laboratory.setup, &sightings, &read, &methods, &mut || ()));
         truths.push(truth);
     }
     (solutions, truths)
@@ -47,7 +47,10 @@ fn distances(laboratory: &Laboratory, seed: u64) -> Distances {
 fn joint(laboratory: &Laboratory, solutions: &[CaptureSolution]) -> SessionSolution {
     let captures: Vec<SolvedCapture<'_>> = solutions
         .iter()
-        .map(|solution| SolvedCapture { solution, wavelength_nm: Some(laboratory.read_nm()) })
+        .map(|solution| SolvedCapture {
+            solution,
+            wavelength: laboratory.setup.wavelength(Some(laboratory.read_nm())),
+        })
         .collect();
     let joint = solve_session(&laboratory.setup, &captures).unwrap();
     assert!((joint.sigma0 - 1.0).abs() < 0.1, "sigma0 {}", joint.sigma0);
@@ -129,8 +132,9 @@ fn of_the_longest(laboratory: &Laboratory, turns_deg: &[f64]) -> (f64, f64) {
     let (mut solutions, truths) = session(laboratory, 2, 0..20);
     for (k, turn) in turns_deg.iter().enumerate() {
         let (sightings, _) = laboratory.capture_turned(700 + k as u64, 450.0, *turn);
-        let (read, methods) = (Some(laboratory.read_nm()), [Method::VirtualCamera]);
-        solutions.push(solve_capture(&laboratory.setup, &sightings, read, &methods, &mut || ()));
+        let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
+        let methods = [Method::VirtualCamera];
+        solutions.push(solve_capture(&laboratory.setup, &sightings, &read, &methods, &mut || ()));
     }
     let joint = joint(laboratory, &solutions);
     let found = compare(&joint, &solutions[..20], &truths);

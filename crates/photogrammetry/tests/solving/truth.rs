@@ -29,9 +29,9 @@ fn held(seed: u64) -> [[bool; 2]; 4] {
     for sighting in sightings.values_mut() {
         sighting.dots.retain(|_| between(0.0, 1.0) > hidden);
     }
-    let read = Some(laboratory.read_nm());
+    let read = laboratory.setup.wavelength(Some(laboratory.read_nm()));
     let methods = &Method::OF_A_CAPTURE;
-    let solution = solve_capture(&laboratory.setup, &sightings, read, methods, &mut || ());
+    let solution = solve_capture(&laboratory.setup, &sightings, &read, methods, &mut || ());
     [0, 1, 2, 3].map(|method| {
         let (six, three) = truth.normalised(solution.results[method].pose.as_ref().unwrap());
         [six < SIX, three < THREE]

@@ -2,6 +2,8 @@
 //!
 //! To add a kind: a record here, a line in [`Instrument`], a trait in `core`.
 
+use std::collections::BTreeMap;
+
 use beampose_core::units::{Degree, Milliampere, Millimetre, Nanometre, Second};
 use beampose_core::{InstrumentName, Quantity};
 use schemars::{Schema, SchemaGenerator, json_schema};
@@ -17,6 +19,8 @@ use crate::tree::{Node, Value};
 
 /// The driver of instruments that do not exist.
 pub const SIMULATED: &str = "simulated";
+/// How the address of an instrument begins whose simulator this program starts.
+const SIMULATOR: &str = "simulator:";
 
 choice! {
     /// One instrument: a map with one key that says of which kind.
@@ -31,6 +35,29 @@ choice! {
         "sensor" => Sensor(Sensor),
         /// A camera that takes single pictures.
         "camera" => Camera(Camera),
+    }
+}
+
+/// What a driver is told beside what all instruments of its kind are: names that the driver knows.
+pub type Options = BTreeMap<String, At<Scalar>>;
+
+/// A number, a text, or yes and no, as it stands in the file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Scalar(pub String);
+
+impl Read for Scalar {
+    fn read(node: &Node, reader: &mut Reader) -> Option<Self> {
+        match &node.value {
+            // A terminator may be all white space.
+            Value::Text(text) => Some(Self(text.clone())),
+            Value::Number(number) => Some(Self(number.to_string())),
+            Value::Bool(it) => Some(Self(it.to_string())),
+            _ => reader.expected(node, "a number, a text, true or false"),
+        }
+    }
+
+    fn schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": ["number", "string", "boolean"] })
     }
 }
 
@@ -74,13 +101,37 @@ impl Instrument {
 
     /// Where the driver finds it.
     #[must_use]
-    pub fn address(&self) -> Option<&str> {
+    pub const fn address(&self) -> Option<&At<String>> {
         match self {
-            Self::LinearAxis(i) => i.address.as_deref(),
-            Self::RotaryAxis(i) => i.address.as_deref(),
-            Self::Laser(i) => i.address.as_deref(),
-            Self::Sensor(i) => i.address.as_deref(),
-            Self::Camera(i) => i.address.as_deref(),
+            Self::LinearAxis(i) => i.address.as_ref(),
+            Self::RotaryAxis(i) => i.address.as_ref(),
+            Self::Laser(i) => i.address.as_ref(),
+            Self::Sensor(i) => i.address.as_ref(),
+            Self::Camera(i) => i.address.as_ref(),
+        }
+    }
+
+    /// How long an answer over its line may take, where the rig says it.
+    #[must_use]
+    pub const fn deadline(&self) -> Option<Second> {
+        match self {
+            Self::LinearAxis(i) => i.deadline,
+            Self::RotaryAxis(i) => i.deadline,
+            Self::Laser(i) => i.deadline,
+            Self::Sensor(i) => i.deadline,
+            Self::Camera(i) => i.deadline,
+        }
+    }
+
+    /// What only its driver understands; the driver checks it.
+    #[must_use]
+    pub const fn options(&self) -> Option<&Options> {
+        match self {
+            Self::LinearAxis(i) => i.options.as_ref(),
+            Self::RotaryAxis(i) => i.options.as_ref(),
+            Self::Laser(i) => i.options.as_ref(),
+            Self::Sensor(i) => i.options.as_ref(),
+            Self::Camera(i) => i.options.as_ref(),
         }
     }
 
@@ -88,6 +139,14 @@ impl Instrument {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.driver().value == SIMULATED
+    }
+
+    /// Whether it is part of the simulated world: simulated itself, or a real driver before its own
+    /// simulator, which moves that world.
+    #[must_use]
+    pub fn is_of_simulated_world(&self) -> bool {
+        let simulator = |at: &At<String>| at.value.starts_with(SIMULATOR);
+        self.is_simulated() || self.address().is_some_and(simulator)
     }
 
     /// The kind, as in the rig file.
@@ -108,8 +167,12 @@ record! {
     pub struct LinearAxis {
         /// Which driver speaks to it; `simulated` where none does.
         driver: At<String>,
-        /// Where the driver finds it, as a serial port's name.
-        address: Option<String>,
+        /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
+        address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
+        /// What this driver alone needs to know.
+        options: Option<Options>,
         /// Between which places it may move.
         travel: At<LinearTravel>,
         /// How fast it moves.
@@ -148,8 +211,12 @@ record! {
     pub struct RotaryAxis {
         /// Which driver speaks to it; `simulated` where none does.
         driver: At<String>,
-        /// Where the driver finds it, as a serial port's name.
-        address: Option<String>,
+        /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
+        address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
+        /// What this driver alone needs to know.
+        options: Option<Options>,
         /// Between which angles it may turn.
         travel: At<RotaryTravel>,
         /// How fast it turns.
@@ -180,8 +247,12 @@ record! {
     pub struct Laser {
         /// Which driver speaks to it; `simulated` where none does.
         driver: At<String>,
-        /// Where the driver finds it, as a serial port's name.
-        address: Option<String>,
+        /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
+        address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
+        /// What this driver alone needs to know.
+        options: Option<Options>,
         /// How long after switching on no light comes out: the law asks for it in class 3B.
         emission_delay: Second => not_negative,
         /// The current it is driven with.
@@ -194,8 +265,12 @@ record! {
     pub struct Sensor {
         /// Which driver speaks to it; `simulated` where none does.
         driver: At<String>,
-        /// Where the driver finds it, as a serial port's name.
-        address: Option<String>,
+        /// Where the driver finds it: `/dev/ttyUSB0`, `tcp:host:port`, `simulator:tcp`.
+        address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
+        /// What this driver alone needs to know.
+        options: Option<Options>,
         /// What it reads.
         reads: Quantity,
         /// Of which laser: a thermometer on its diode. Without it a thermometer reads that of the room.
@@ -267,8 +342,12 @@ record! {
     pub struct Camera {
         /// Which driver speaks to it; `simulated` where none does.
         driver: At<String>,
-        /// Where the driver finds it, as a device's name.
-        address: Option<String>,
+        /// Where the driver finds it: `folder:pictures/left`, `device:usb:001,002`, `simulator:tcp`.
+        address: Option<At<String>>,
+        /// How long an answer over its line may take; without it 1 s.
+        deadline: Option<Second> => positive,
+        /// What this driver alone needs to know.
+        options: Option<Options>,
         /// Its interior orientation: a ROS `camera_info` file, relative to the rig's.
         calibration: At<String>,
         /// Standard uncertainty of the interior orientation.

@@ -1,7 +1,7 @@
 //! What the measurement is told: pattern, artefact, tie targets, prior.
 
 use beampose_core::InstrumentName;
-use beampose_core::units::{Degree, Millimetre};
+use beampose_core::units::{Celsius, Degree, Millimetre, Nanometre};
 
 use crate::fault::At;
 use crate::quantity::Pixel;
@@ -18,8 +18,29 @@ record! {
         tie_targets: Option<TieTargets>,
         /// Roughly how the module is turned.
         module_prior: Option<ModulePrior>,
+        /// How the wavelength follows the diode's temperature, as a wavelength drift finds it: the fan
+        /// is corrected by it where the wavelength itself was not read.
+        wavelength_from_temperature: Option<WavelengthFromTemperature>,
         /// The module turned before a far plane, where its angles are measured.
         goniometer: Option<Goniometer>,
+    }
+}
+
+record! {
+    /// The line of the wavelength over the temperature of the diode.
+    pub struct WavelengthFromTemperature {
+        /// The thermometer on the diode.
+        of: At<InstrumentName>,
+        /// A temperature on the line.
+        at: Celsius,
+        /// The wavelength there, in vacuum.
+        wavelength: Nanometre => positive,
+        /// Its standard uncertainty.
+        wavelength_u: Nanometre => not_negative,
+        /// By how much the wavelength grows with a degree.
+        per_degree: Nanometre,
+        /// Its standard uncertainty.
+        per_degree_u: Nanometre => not_negative,
     }
 }
 

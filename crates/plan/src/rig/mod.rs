@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use beampose_core::InstrumentName;
 
-pub use instruments::{Instrument, SIMULATED};
+pub use instruments::{Instrument, SIMULATED, SensorUncertainty};
 pub use measurement::{FanTurns, Goniometer, Measurement};
 pub use simulation::{FaultKind, SimulatedFault, Simulation};
 

@@ -31,6 +31,9 @@ record! {
         laser: SimulatedLaser,
         /// What the beams fall on.
         walls: Vec<At<Wall>>,
+        /// Mirrors that fold the way of the beams, in any order; without them none. Cameras see no dot
+        /// and no target in them.
+        mirrors: Option<Vec<At<Mirror>>>,
         /// Where each simulated camera stands.
         cameras: BTreeMap<String, At<SimulatedCamera>>,
         /// The tie targets on the walls. The artefact's stand where the measurement says, but for
@@ -58,6 +61,8 @@ words! {
         "disconnect" => Disconnect,
         /// It understands, and refuses.
         "refused" => Refused,
+        /// It goes off and on again, and has forgotten what it was told.
+        "reboot" => Reboot,
         /// An axis reads 5 units off, a sensor reads no number, a laser reads back as on.
         "wrong_readback" => WrongReadback,
         /// An axis sets off and does not arrive.
@@ -287,6 +292,19 @@ record! {
         point: [Millimetre; 3],
         /// Its normal, to the side of the cameras; of any length.
         normal: At<[f64; 3]>,
+    }
+}
+
+record! {
+    /// A flat mirror without loss.
+    pub struct Mirror {
+        /// Its middle.
+        point: [Millimetre; 3],
+        /// Its normal, out of its front; of any length. The back is black.
+        normal: At<[f64; 3]>,
+        /// Half its width and half its height (along the world's Y as far as it can): a beam that
+        /// misses it goes on.
+        half_size: [Millimetre; 2] => positive,
     }
 }
 

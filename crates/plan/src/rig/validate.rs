@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use beampose_core::InstrumentName;
+use beampose_core::{InstrumentName, Quantity};
 
 use super::instruments::{Instrument, Sensor};
 use super::measurement::{Goniometer, Measurement};
@@ -33,6 +33,9 @@ pub(super) fn rig(file: RigFile, reader: &mut Reader) -> Option<Rig> {
     let mut codes = BTreeMap::new();
     if let Some(measurement) = &file.measurement.0 {
         artefact(measurement, &mut codes, reader);
+        if let Some(law) = &measurement.wavelength_from_temperature {
+            thermometer_on_the_diode(&law.of, &instruments.value, reader);
+        }
         if let Some(goniometer) = &measurement.goniometer {
             goniometer_of(goniometer, &instruments.value, reader);
         }
@@ -96,13 +99,27 @@ fn sensor_of(sensor: &Sensor, instruments: &Instruments, reader: &mut Reader) {
     named_instrument(of, "laser", &is_laser, instruments, reader);
 }
 
+/// What tells the wavelength by its temperature is a thermometer on a laser.
+fn thermometer_on_the_diode(
+    named: &At<InstrumentName>,
+    instruments: &Instruments,
+    reader: &mut Reader,
+) {
+    let fits = |at: &At<Instrument>| match &at.value {
+        Instrument::Sensor(sensor) => sensor.reads == Quantity::Temperature && sensor.of.is_some(),
+        _ => false,
+    };
+    named_instrument(named, "thermometer of a laser", &fits, instruments, reader);
+}
+
 fn virtual_time_needs_simulation(
     clock: &At<ClockKind>,
     instruments: &Instruments,
     reader: &mut Reader,
 ) {
-    let is_real =
-        |at: &At<Instrument>| !at.value.is_simulated() && !at.value.driver().value.is_empty();
+    let is_real = |at: &At<Instrument>| {
+        !at.value.is_of_simulated_world() && !at.value.driver().value.is_empty()
+    };
     let real = instruments.iter().find(|(_, at)| is_real(at));
     if let (ClockKind::Virtual, Some((name, _))) = (clock.value, real) {
         let message = format!("virtual time, but `{name}` is not simulated");
@@ -167,7 +184,7 @@ fn tie_targets(
 
 fn simulation_if_needed(file: &RigFile, reader: &mut Reader) {
     let Some(instruments) = &file.instruments.0 else { return };
-    let simulated = instruments.value.iter().find(|(_, at)| at.value.is_simulated());
+    let simulated = instruments.value.iter().find(|(_, at)| at.value.is_of_simulated_world());
     match (simulated, &file.simulation) {
         (Some((name, _)), Maybe::Absent) => {
             reader.fault(
@@ -185,8 +202,9 @@ fn simulation_if_needed(file: &RigFile, reader: &mut Reader) {
 
 fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &mut Reader) {
     carrying_axis(&simulation.module, instruments, reader);
-    let is_camera =
-        |at: &At<Instrument>| matches!(at.value, Instrument::Camera(_)) && at.value.is_simulated();
+    let is_camera = |at: &At<Instrument>| {
+        matches!(at.value, Instrument::Camera(_)) && at.value.is_of_simulated_world()
+    };
     for (name, instrument) in instruments.iter().filter(|(_, at)| is_camera(at)) {
         // Without any, the whole key is missing or empty, which is noted already.
         if !simulation.cameras.is_empty() && !simulation.cameras.contains_key(name) {
@@ -206,6 +224,8 @@ fn simulated_world(simulation: &Simulation, instruments: &Instruments, reader: &
     }
     let normals = simulation.walls.iter().map(|wall| &wall.value.normal);
     let turntable = simulation.module.turntable.iter().map(|turntable| &turntable.direction);
+    let mirrors = simulation.mirrors.iter().flatten().map(|mirror| &mirror.value.normal);
+    let normals = normals.chain(mirrors);
     for direction in normals.chain([&simulation.module.direction]).chain(turntable) {
         if direction.value == [0.0; 3] {
             reader.fault(direction.mark, "a direction must not be zero");
@@ -279,6 +299,7 @@ fn can_have(role: &str, kind: FaultKind) -> bool {
         | FaultKind::LateAnswer
         | FaultKind::Garbled
         | FaultKind::Disconnect
+        | FaultKind::Reboot
         | FaultKind::Refused => !matches!(role, "store" | "clock"),
         FaultKind::WrongReadback => {
             matches!(role, "linear_axis" | "rotary_axis" | "sensor" | "laser")

@@ -82,11 +82,15 @@ async fn count(store: &Store, sql: &'static str) -> i64 {
 /// A session with something in every table, and a picture that the others have too (`wall`).
 pub(super) async fn full_session(store: &Store) -> SessionId {
     let id = SessionId::fresh();
+    let fan = super::calibrations::fan(id);
     let with_origin = beampose_core::SessionHeader {
         origin_json: Some("{\"plan\":\"plan.yaml\"}".to_owned()),
+        files: vec![super::used(None, &fan.content), super::used(Some("cam_a"), "camera")],
         ..header(id)
     };
     store.open(&with_origin).await.unwrap();
+    // It was made from this session too: both ways to it are then in the tables.
+    assert!(store.record_calibration(&fan).await.unwrap());
     let own = format!("own {id}");
     let first = vec![picture("cam_a", b"wall"), picture("cam_b", own.as_bytes())];
     let mut first = step(1, "p000", first);
@@ -144,7 +148,8 @@ async fn every_table_belongs_to_sessions_or_is_known_to_be_shared() {
     .await
     .unwrap();
     let shared: Vec<&String> = all.iter().filter(|name| !names.contains(&name.as_str())).collect();
-    assert_eq!(shared, ["blobs"], "deletion, export and import would pass these over");
+    let known = ["blobs", "calibrations", "calibration_sources"];
+    assert_eq!(shared, known, "deletion, export and import would pass these over");
     // Row numbers are followed along references, over two tables too.
     let numbers = |table: &str, column: &str| {
         let table = tables.iter().find(|t| t.name == table).unwrap();

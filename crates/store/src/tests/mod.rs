@@ -1,5 +1,6 @@
 //! The store on a file of its own for each test.
 
+mod calibrations;
 mod cut_short;
 mod keeping;
 mod opening;
@@ -14,6 +15,7 @@ use std::time::Duration;
 use beampose_core::{
     CaptureId, CaptureRecord, Event, EventKind, InstrumentName, Picture, Quantity, Reading,
     RunSink, SessionHeader, SessionId, SessionOutcome, Stamp, StepNumber, StepOutcome, StepRecord,
+    UsedFile,
 };
 
 use crate::Store;
@@ -44,6 +46,7 @@ fn header(id: SessionId) -> SessionHeader {
         plan_text: "version: 1".to_owned(),
         rig_text: "version: 1 # rig".to_owned(),
         measurement_json: "{\"version\":1}".to_owned(),
+        files: vec![used(Some("cam_a"), "version: 1 # camera")],
         plan_hash: "00ff".to_owned(),
         origin_json: None,
         software: "0.1.0".to_owned(),
@@ -56,6 +59,13 @@ fn header(id: SessionId) -> SessionHeader {
 fn picture(camera: &str, bytes: &[u8]) -> Picture {
     let camera = InstrumentName::from(camera);
     Picture { camera, bytes: bytes.to_vec(), requested: at(1500), delivered: at(2500) }
+}
+
+/// A file with this text, as a rig names it.
+fn used(camera: Option<&str>, text: &str) -> UsedFile {
+    let blake3 = blake3::hash(text.as_bytes()).to_hex().to_string();
+    let file = format!("{}.yaml", camera.unwrap_or("fan"));
+    UsedFile { camera: camera.map(InstrumentName::from), file, blake3 }
 }
 
 /// A capture step with a reading and an event.

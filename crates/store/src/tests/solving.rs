@@ -9,7 +9,7 @@ use crate::{
     NewProcessing, PoseRow, ProcessingId, ResultRow, SolutionRow, Store, StoreError, truth,
 };
 
-fn new(session: SessionId) -> NewProcessing {
+pub(super) fn new(session: SessionId) -> NewProcessing {
     NewProcessing {
         session,
         created: "2026-03-01T09:00:00Z".parse().unwrap(),
@@ -17,6 +17,7 @@ fn new(session: SessionId) -> NewProcessing {
         options_json: "{\"methods\":[\"virtual-camera\"]}".to_owned(),
         lineage_json: "{\"pattern\":\"00ff\"}".to_owned(),
         measurement_json: None,
+        files: Vec::new(),
         batch: None,
     }
 }
@@ -38,11 +39,14 @@ fn row(method: &str, pose: Result<Pose, String>) -> PoseRow {
         beams_used: 117,
         sigma0: 1.05,
         wavelength_nm: 658.02,
+        wavelength_source: Some("interpolated".to_owned()),
+        wavelength_u_nm: Some(0.03),
+        wavelength_age_s: Some(12.5),
         ambiguous: true,
     }
 }
 
-fn solution() -> SolutionRow {
+pub(super) fn solution() -> SolutionRow {
     let failed = row("inter-beam-angles", Err("too few beams: 3".to_owned()));
     SolutionRow {
         capture: p000(),

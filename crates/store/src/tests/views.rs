@@ -84,6 +84,9 @@ async fn the_views_show_what_is_stored() {
     };
     let row = one("SELECT * FROM v_poses WHERE session = ? AND latest AND status = 'solved'").await;
     assert_eq!(row.get::<f64, _>("x_mm"), 1.0 / 3.0);
+    assert_eq!(row.get::<&str, _>("wavelength_source"), "interpolated");
+    assert_eq!(row.get::<f64, _>("wavelength_u_nm"), 0.03);
+    assert_eq!(row.get::<f64, _>("wavelength_age_s"), 12.5);
     assert_eq!(row.get::<f64, _>("var_y_mm2"), 0.1 / 4.0);
     assert_eq!(row.get::<f64, _>("var_rz_rad2"), 0.1 / 8.0);
     assert_eq!((row.get::<i64, _>("processing"), row.get::<i64, _>("step")), (2, 1));

@@ -9,11 +9,13 @@ use beampose_core::SessionId;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 
+use super::OF_A_CALIBRATION;
 use crate::StoreError;
+use crate::calibrations::calibrations_of_session;
 use crate::error::failed_to;
 use crate::open::{APPLICATION_ID, MAGIC, connect, migrate_to, newest_schema};
 use crate::stamp::session_id;
-use crate::tables::{SessionTable, quoted, session_tables};
+use crate::tables::{SessionTable, columns_of, quoted, session_tables};
 
 /// Largest picture, bytes: what import from a folder takes too.
 const LARGEST_PICTURE: i64 = 200_000_000;
@@ -92,7 +94,39 @@ pub(super) async fn checked(
             return Err(refused(file, format!("{} has rows of no session", table.name)));
         }
     }
+    check_calibrations(connection, file, id).await?;
     Ok(session)
+}
+
+/// Every calibration is one that the session used, or that was made from it; and what it was made
+/// from are sessions.
+async fn check_calibrations(
+    connection: &mut SqliteConnection,
+    file: &Path,
+    session: &str,
+) -> Result<(), StoreError> {
+    let doing = || failed_to(format!("look at {}", file.display()));
+    if columns_of(connection, "file", OF_A_CALIBRATION[0].0).await.map_err(doing())?.is_empty() {
+        return Ok(());
+    }
+    let others: i64 = sqlx::query_scalar(AssertSqlSafe(format!(
+        "SELECT count(*) FROM file.calibrations WHERE blake3 NOT IN ({})",
+        calibrations_of_session("file")
+    )))
+    .bind(session)
+    .fetch_one(&mut *connection)
+    .await
+    .map_err(doing())?;
+    if others > 0 {
+        return Err(refused(file, "calibrations has rows of no session"));
+    }
+    let made_from: Vec<String> = sqlx::query_scalar(
+        "SELECT made_from FROM file.calibration_sources WHERE made_from IS NOT NULL",
+    )
+    .fetch_all(connection)
+    .await
+    .map_err(doing())?;
+    made_from.iter().try_for_each(|id| session_id(id).map(|_| ()))
 }
 
 /// One object of a schema: type, name, table, text.
@@ -191,13 +225,20 @@ async fn check_sizes(
     if largest.unwrap_or(0) > LARGEST_PICTURE {
         return Err(refused(file, format!("a picture has more than {LARGEST_PICTURE} bytes")));
     }
+    let doing = || failed_to(format!("look at {}", file.display()));
+    let mut texts = Vec::new();
     for table in tables {
-        for column in table.columns.iter().filter(|column| column.is_text) {
-            let odd = check_texts(connection, &table.name, &column.name).await;
-            let odd = odd.map_err(failed_to(format!("look at {}", file.display())))?;
-            if let Some(what) = odd {
-                return Err(refused(file, format!("{} has {what}", column.name)));
-            }
+        let of_table = table.columns.iter().filter(|column| column.is_text);
+        texts.extend(of_table.map(|column| (table.name.clone(), column.name.clone())));
+    }
+    for (table, _) in OF_A_CALIBRATION {
+        let columns = columns_of(connection, "file", table).await.map_err(doing())?;
+        texts.extend(columns.into_iter().map(|column| (table.to_owned(), column)));
+    }
+    for (table, column) in texts {
+        let odd = check_texts(connection, &table, &column).await.map_err(doing())?;
+        if let Some(what) = odd {
+            return Err(refused(file, format!("{column} has {what}")));
         }
     }
     Ok(())

@@ -6,7 +6,7 @@ use beampose_core::SessionId;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 
-use super::{Transferred, copy, copy_blobs, uri};
+use super::{Transferred, copy, copy_blobs, copy_calibrations, uri};
 use crate::error::failed_to;
 use crate::open::{connect, migrate};
 use crate::tables::{SessionTable, blobs_of_session, session_tables};
@@ -75,6 +75,7 @@ impl Store {
             let counted = |numbered: &str, value: &str| rank(&tables, numbered, value);
             rows += copy(&mut transaction, table, ways, &id, counted).await?;
         }
+        rows += copy_calibrations(&mut transaction, ways, &id).await?.rows;
         let hashes: Vec<String> = sqlx::query_scalar(AssertSqlSafe(format!(
             "SELECT blake3 FROM ({}) WHERE blake3 IS NOT NULL ORDER BY blake3",
             blobs_of_session("source")

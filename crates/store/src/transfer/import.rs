@@ -11,7 +11,8 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, Connection as _, SqliteConnection};
 
 use super::check::{checked, look_at_header};
-use super::{Transferred, copy, copy_blobs, uri};
+use super::{Transferred, copy, copy_blobs, copy_calibrations, uri};
+use crate::calibrations::damage;
 use crate::error::failed_to;
 use crate::open::{BUSY_TIMEOUT, connect};
 use crate::stamp::damaged;
@@ -60,7 +61,8 @@ async fn import(
     let mut transaction =
         connection.begin_with("BEGIN IMMEDIATE").await.map_err(failed_to(doing))?;
     refuse_stored(&mut transaction, session, doing).await?;
-    let rows = copy_rows(&mut transaction, &tables, session).await.map_err(failed_to(doing))?;
+    let mut rows = copy_rows(&mut transaction, &tables, session).await.map_err(failed_to(doing))?;
+    rows += copy_hashed_calibrations(&mut transaction, session, file).await?;
     let pictures = copy_pictures(&mut transaction, session, file).await?;
     transaction.commit().await.map_err(failed_to(doing))?;
     Ok(Transferred { session, rows, pictures })
@@ -124,6 +126,29 @@ async fn next_number(
     .bind(table)
     .fetch_one(connection)
     .await
+}
+
+/// Copies the calibrations and hashes each that is new.
+async fn copy_hashed_calibrations(
+    connection: &mut SqliteConnection,
+    session: SessionId,
+    file: &Path,
+) -> Result<u64, StoreError> {
+    let doing = || failed_to(format!("import {}", file.display()));
+    let ways = ["file", "main"];
+    let copied = copy_calibrations(connection, ways, &session.to_string()).await.map_err(doing())?;
+    for hash in copied.new {
+        let content: String =
+            sqlx::query_scalar("SELECT content_text FROM main.calibrations WHERE blake3 = ?")
+                .bind(&hash)
+                .fetch_one(&mut *connection)
+                .await
+                .map_err(doing())?;
+        if let Some(reason) = damage(&hash, &content) {
+            return Err(damaged(&format!("{}: calibration {hash}", file.display()), reason));
+        }
+    }
+    Ok(copied.rows)
 }
 
 /// Copies the pictures and hashes each: what goes in is what its name says.

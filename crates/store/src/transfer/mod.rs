@@ -4,6 +4,10 @@
 //! on from what is there when it is read. So the same session gives the same bytes, wherever it has
 //! been. Where plan and rig lay on the disk stays behind: it means nothing elsewhere, and a file
 //! must not name files to be read.
+//!
+//! Calibrations belong to no session, but travel with those that used them, and with those that they
+//! were made from: in a file too one can tell where a pose comes from. The sessions that they were
+//! made from do not come along. One that is stored already stays as it is.
 
 mod check;
 mod export;
@@ -14,10 +18,17 @@ use std::path::Path;
 use sqlx::{AssertSqlSafe, SqliteConnection};
 
 use crate::StoreError;
-use crate::tables::{SessionTable, quoted};
+use crate::calibrations::calibrations_of_session;
+use crate::tables::{SessionTable, columns_of, quoted};
 
 /// Set to null on the way.
 const STAYS_BEHIND: (&str, &str) = ("sessions", "origin_json");
+
+/// What a calibration consists of: the tables, and the column with its hash.
+const OF_A_CALIBRATION: [(&str, &str); 2] =
+    [("calibrations", "blake3"), ("calibration_sources", "calibration")];
+/// What became of a session here is nothing that travels.
+const OF_THIS_DATABASE: &str = "deleted_utc";
 
 /// What was written or read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,4 +109,59 @@ async fn copy_blobs(
         copied += one.execute(&mut *connection).await?.rows_affected();
     }
     Ok(copied)
+}
+
+/// What travelled of calibrations.
+#[derive(Default)]
+struct Calibrations {
+    /// Those that were not there already, by their hashes.
+    new: Vec<String>,
+    /// Rows of all of their tables.
+    rows: u64,
+}
+
+/// Copies the calibrations that a session used, and those made from it.
+async fn copy_calibrations(
+    connection: &mut SqliteConnection,
+    [from, to]: [&str; 2],
+    session: &str,
+) -> Result<Calibrations, sqlx::Error> {
+    let mut copied = Calibrations::default();
+    if columns_of(connection, from, OF_A_CALIBRATION[0].0).await?.is_empty() {
+        // A file from before there were any.
+        return Ok(copied);
+    }
+    let statement = AssertSqlSafe(calibrations_of_session(from));
+    let hashes: Vec<String> =
+        sqlx::query_scalar(statement).bind(session).fetch_all(&mut *connection).await?;
+    for hash in hashes {
+        let [calibration, sources] = OF_A_CALIBRATION;
+        let rows = copy_calibration(connection, calibration, [from, to], &hash).await?;
+        if rows > 0 {
+            copied.rows += rows + copy_calibration(connection, sources, [from, to], &hash).await?;
+            copied.new.push(hash);
+        }
+    }
+    Ok(copied)
+}
+
+async fn copy_calibration(
+    connection: &mut SqliteConnection,
+    (table, column): (&str, &str),
+    [from, to]: [&str; 2],
+    hash: &str,
+) -> Result<u64, sqlx::Error> {
+    let (mut names, mut values) = (Vec::new(), Vec::new());
+    for name in columns_of(connection, from, table).await? {
+        values.push(if name == OF_THIS_DATABASE { "NULL".to_owned() } else { quoted(&name) });
+        names.push(quoted(&name));
+    }
+    let statement = format!(
+        "INSERT INTO {to}.{table} ({}) SELECT {} FROM {from}.{table} WHERE {column} = ?1
+         ON CONFLICT DO NOTHING",
+        names.join(", "),
+        values.join(", "),
+    );
+    let copied = sqlx::query(AssertSqlSafe(statement)).bind(hash).execute(connection).await?;
+    Ok(copied.rows_affected())
 }

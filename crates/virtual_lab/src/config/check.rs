@@ -67,6 +67,12 @@ impl WorldConfig {
         for (i, wall) in self.walls.iter().enumerate() {
             direction(&format!("walls[{i}].normal"), wall.normal)?;
         }
+        for (i, mirror) in self.mirrors.iter().enumerate() {
+            direction(&format!("mirrors[{i}].normal"), mirror.normal)?;
+            for half in mirror.half_size_mm {
+                positive(&format!("mirrors[{i}].half_size_mm"), half)?;
+            }
+        }
         for (i, target) in self.targets.iter().enumerate() {
             direction(&format!("targets[{i}].normal"), target.normal)?;
             positive(&format!("targets[{i}].radius_mm"), target.radius_mm)?;

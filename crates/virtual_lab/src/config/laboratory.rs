@@ -46,6 +46,7 @@ impl WorldConfig {
                 normal: [0.0, 0.0, 1.0],
                 half_size_mm: None,
             }],
+            mirrors: Vec::new(),
             targets: targets(),
             artefact_scale_relative_u: 4e-4,
             cameras: cameras(),

@@ -42,6 +42,8 @@ pub struct WorldConfig {
     pub diode_thermometer: ThermometerConfig,
     /// The walls.
     pub walls: Vec<WallConfig>,
+    /// The mirrors in the way of the beams, in any order.
+    pub mirrors: Vec<MirrorConfig>,
     /// Coded targets: those of the artefact and tie targets.
     pub targets: Vec<TargetConfig>,
     /// Relative standard uncertainty of the artefact's scale as a whole.
@@ -238,6 +240,18 @@ pub struct WallConfig {
     /// Half its width and height, mm; infinite where absent. Height runs along the world's Y as
     /// far as the wall allows, width across it.
     pub half_size_mm: Option<[f64; 2]>,
+}
+
+/// A flat mirror without loss: it folds the way of the beams that meet its front.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MirrorConfig {
+    /// Its middle, mm.
+    pub point_mm: [f64; 3],
+    /// Its normal, out of the front; any length but zero. The back is black.
+    pub normal: [f64; 3],
+    /// Half its width and height, mm, as of a wall.
+    pub half_size_mm: [f64; 2],
 }
 
 /// A ring-coded target on a label.

@@ -38,6 +38,8 @@ pub enum FaultKind {
     Disconnect,
     /// It understands, and refuses.
     Refused,
+    /// It goes off and on again, and has forgotten what it was told.
+    Reboot,
     /// An axis reads 5 units off; a sensor reads no number; a laser reads back as on.
     WrongReadback,
     /// An axis sets off and does not arrive.
@@ -62,6 +64,18 @@ pub enum FaultKind {
     DatabaseBusy,
     /// The wall clock jumps by an hour.
     ClockJump,
+}
+
+impl FaultKind {
+    /// What a line does, whatever is at its end.
+    pub const LINE: [Self; 6] = [
+        Self::NoAnswer,
+        Self::LateAnswer,
+        Self::Garbled,
+        Self::Disconnect,
+        Self::Refused,
+        Self::Reboot,
+    ];
 }
 
 /// One fault, and when it comes.
@@ -115,6 +129,13 @@ impl Faults {
         Arc::new(Self { faults, streams: Streams::new(seed), clock, step })
     }
 
+    /// What a line does now to what is asked of an instrument over it: for a simulator of its bytes,
+    /// which does it itself. Of the kinds of [`FaultKind::LINE`].
+    #[must_use]
+    pub fn on_the_line(&self, instrument: &str) -> Option<FaultKind> {
+        self.strikes(instrument, &FaultKind::LINE)
+    }
+
     /// What goes wrong with an instrument now, of these kinds; it then counts as having come.
     fn strikes(&self, instrument: &str, kinds: &[FaultKind]) -> Option<FaultKind> {
         let all = self.faults.iter().enumerate();
@@ -151,8 +172,8 @@ impl Faults {
 
     /// What a line does to whatever is asked over it.
     async fn line(&self, instrument: &str) -> Result<(), InstrumentError> {
-        use FaultKind::{Disconnect, Garbled, LateAnswer, NoAnswer, Refused};
-        match self.strikes(instrument, &[NoAnswer, LateAnswer, Garbled, Disconnect, Refused]) {
+        use FaultKind::{Disconnect, Garbled, LateAnswer, NoAnswer, Reboot, Refused};
+        match self.strikes(instrument, &FaultKind::LINE) {
             Some(NoAnswer) => std::future::pending().await,
             Some(LateAnswer) => {
                 self.clock.sleep(LATE).await;
@@ -162,7 +183,7 @@ impl Faults {
                 expected: "OK".to_owned(),
                 found: "\u{fffd}#\u{7}".to_owned(),
             }),
-            Some(Disconnect) => Err(InstrumentError::Disconnected("simulated".to_owned())),
+            Some(Disconnect | Reboot) => Err(InstrumentError::Disconnected("simulated".to_owned())),
             Some(Refused) => Err(InstrumentError::Refused("simulated".to_owned())),
             _ => Ok(()),
         }

@@ -37,6 +37,18 @@ impl SimulatedCamera {
         Ok(Self { world, clock, name: name.to_owned(), config, triggers })
     }
 
+    /// What the camera would photograph if it were triggered now, as the bytes of a JPEG file: for a
+    /// simulator of its bytes. Takes no time of the clock.
+    ///
+    /// # Errors
+    /// As [`World::render_jpeg`].
+    pub fn photograph(&self) -> Result<Vec<u8>, WorldError> {
+        let capture = self.triggers.fetch_add(1, Ordering::SeqCst);
+        let middle = Second(self.config.trigger_delay_s + self.config.exposure_s / 2.0).duration();
+        let module = self.world.module_at(self.clock.now().monotonic.saturating_add(middle));
+        self.world.render_jpeg(&self.name, &module, capture)
+    }
+
     /// Renders, on another thread, what the camera sees now.
     fn expose(&self) -> oneshot::Receiver<Result<Vec<u8>, WorldError>> {
         let capture = self.triggers.fetch_add(1, Ordering::SeqCst);

@@ -23,6 +23,54 @@ impl SimulatedLaser {
     }
 }
 
+/// The diode alone, without a driver's waiting: what a simulator of its bytes switches.
+impl SimulatedLaser {
+    /// Current on, with light after the delay, or off.
+    pub fn switch(&self, on: bool) {
+        if !on {
+            return self.off_without_waiting();
+        }
+        let light = self.clock.now().monotonic.saturating_add(self.delay());
+        let mut live = self.world.live();
+        if !live.switches.commanded() {
+            live.switches.light(light);
+        }
+    }
+
+    /// Current on and light at once: a controller without a delay of its own.
+    pub fn strike(&self) {
+        let now = self.clock.now().monotonic;
+        let mut live = self.world.live();
+        if !live.switches.commanded() {
+            live.switches.light(now);
+        }
+    }
+
+    /// Whether its current is switched on.
+    #[must_use]
+    pub fn is_on(&self) -> bool {
+        self.world.live().switches.commanded()
+    }
+
+    /// Whether light comes out.
+    #[must_use]
+    pub fn emits(&self) -> bool {
+        self.world.module_at(self.clock.now().monotonic).emission == Emission::On
+    }
+
+    /// From the current to light.
+    #[must_use]
+    pub fn delay(&self) -> std::time::Duration {
+        Second(self.world.config.diode.emission_delay_s).duration()
+    }
+
+    /// True temperature of the diode, degrees Celsius.
+    #[must_use]
+    pub fn temperature_degc(&self) -> f64 {
+        self.world.diode_degc_at(self.clock.now().monotonic)
+    }
+}
+
 #[async_trait]
 impl Instrument for SimulatedLaser {
     async fn identify(&self) -> Result<Identity, InstrumentError> {
@@ -36,10 +84,8 @@ impl Laser for SimulatedLaser {
         if self.emission().await == Emission::On {
             return Ok(());
         }
-        let delay = Second(self.world.config.diode.emission_delay_s).duration();
-        let light = self.clock.now().monotonic.saturating_add(delay);
-        self.world.live().switches.light(light);
-        self.clock.sleep(delay).await;
+        self.switch(true);
+        self.clock.sleep(self.delay()).await;
         if self.emission().await == Emission::On {
             Ok(())
         } else {

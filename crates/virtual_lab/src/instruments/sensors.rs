@@ -61,6 +61,11 @@ impl SimulatedDiodeThermometer {
     }
 }
 
+/// A meter shows so many steps a unit and no more: 0.01 pm, 0.001 degrees.
+fn shown(value: f64, steps: f64) -> f64 {
+    (value * steps).round() / steps
+}
+
 /// The noise of one more reading, of N(0, 1).
 fn next_noise(world: &World, purpose: Purpose, reads: &AtomicU64) -> f64 {
     let read = reads.fetch_add(1, Ordering::SeqCst);
@@ -84,7 +89,7 @@ impl Sensor for SimulatedWavemeter {
         }
         let meter = &self.world.config.wavemeter;
         let noise = meter.noise_nm * next_noise(&self.world, Purpose::Wavelength, &self.reads);
-        let value = module.wavelength_nm + self.world.truth.wavemeter_bias_nm + noise;
+        let value = shown(module.wavelength_nm + self.world.truth.wavemeter_bias_nm + noise, 1e5);
         // What a single reading is worth: bias and noise together.
         let standard_uncertainty = Some(f64::hypot(meter.noise_nm, meter.bias_u_nm));
         Ok(Reading { quantity: Quantity::Wavelength, value, standard_uncertainty, at })
@@ -104,7 +109,7 @@ impl Sensor for SimulatedThermometer {
         let at = self.clock.now();
         let sigma = self.world.config.thermometer.noise_degc;
         let noise = sigma * next_noise(&self.world, Purpose::Temperature, &self.reads);
-        let value = diode::room_degc(&self.world.config.room, at.monotonic) + noise;
+        let value = shown(diode::room_degc(&self.world.config.room, at.monotonic) + noise, 1e3);
         let standard_uncertainty = Some(sigma);
         Ok(Reading { quantity: Quantity::Temperature, value, standard_uncertainty, at })
     }
@@ -124,7 +129,7 @@ impl Sensor for SimulatedDiodeThermometer {
         let at = self.clock.now();
         let sigma = self.world.config.diode_thermometer.noise_degc;
         let noise = sigma * next_noise(&self.world, Purpose::DiodeTemperature, &self.reads);
-        let value = self.world.diode_degc_at(at.monotonic) + noise;
+        let value = shown(self.world.diode_degc_at(at.monotonic) + noise, 1e3);
         let standard_uncertainty = Some(sigma);
         Ok(Reading { quantity: Quantity::Temperature, value, standard_uncertainty, at })
     }

@@ -55,12 +55,18 @@ impl Kind {
 }
 
 impl Stage {
-    async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+    fn within_limits(&self, target: f64) -> Result<(), InstrumentError> {
         let ([low, high], unit) = (self.config.limits, self.kind.symbol());
         if !(low..=high).contains(&target) {
             let reason = format!("{target} {unit} is outside {low} to {high} {unit}");
             return Err(InstrumentError::Refused(reason));
         }
+        Ok(())
+    }
+
+    async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
+        self.within_limits(target)?;
+        let unit = self.kind.symbol();
         let (command, arrival) = self.set_off(target);
         let travel = arrival.saturating_sub(self.clock.now().monotonic);
         self.clock.sleep(travel + Second(self.config.settle_s).duration()).await;
@@ -128,6 +134,43 @@ macro_rules! stage {
                 let config = world.config.$field.ok_or(WorldError::NoStage($called))?.stage;
                 let reads = AtomicU64::new(world.history().$field.reads);
                 Ok(Self(Stage { world, clock, config, kind: Kind::$kind, reads }))
+            }
+        }
+
+        /// The stage alone, without a driver's waiting: what a simulator of its bytes moves.
+        impl $name {
+            /// Sets off and does not wait.
+            ///
+            /// # Errors
+            /// [`InstrumentError::Refused`] beyond its limits.
+            pub fn set_off(&self, target: f64) -> Result<(), InstrumentError> {
+                self.0.within_limits(target)?;
+                self.0.set_off(target);
+                Ok(())
+            }
+
+            /// Whether it is on its way.
+            #[must_use]
+            pub fn is_moving(&self) -> bool {
+                let now = self.0.clock.now().monotonic;
+                self.0.kind.motion(&mut self.0.world.live()).is_under_way(now)
+            }
+
+            /// One reading of its encoder, in its unit.
+            #[must_use]
+            pub fn encoder(&self) -> f64 {
+                self.0.position().value
+            }
+
+            /// Stops it where it is.
+            pub fn halt(&self) {
+                self.0.stop();
+            }
+
+            /// Between which places it can move, in its unit.
+            #[must_use]
+            pub const fn limits(&self) -> [f64; 2] {
+                self.0.config.limits
             }
         }
 

@@ -12,7 +12,8 @@ use super::background::Illumination;
 use super::rays::RayPatch;
 use super::{UNIT, speckle};
 use crate::config::{BeamConfig, PictureConfig};
-use crate::geometry::{Hit, View, nearest};
+use crate::geometry::View;
+use crate::room::{Hit, Lit};
 use crate::streams::Purpose;
 use crate::world::{ImagedDot, ModuleState, World};
 
@@ -21,8 +22,9 @@ pub(super) struct Spot {
     /// The beam's place in the pattern.
     index: usize,
     order: Order,
+    /// A point of the beam, as it reaches the wall.
     origin: Vector3<f64>,
-    /// Unit vector along the beam, and two across it.
+    /// Unit vector along the beam there, and two across it.
     axis: Vector3<f64>,
     across: Matrix3x2<f64>,
     /// Inverse covariance in the plane across the beam, point spread included.
@@ -98,11 +100,11 @@ fn spot(
     module: &ModuleState,
     (index, beam): (usize, Beam),
 ) -> Option<Spot> {
-    let axis = module.world_from_module * beam.direction;
-    let hit = nearest(&world.walls, &module.position, &axis)?;
+    let sent = module.world_from_module * beam.direction;
+    let Lit { hit, origin, along: axis } = world.room.lit(&module.position, &sent)?;
     let from_camera = hit.point - view.position;
     let lit_side = hit.normal.dot(&axis) * hit.normal.dot(&from_camera) > 0.0;
-    let hidden = nearest(&world.walls, &view.position, &from_camera)?.distance < 1.0 - 1e-6;
+    let hidden = world.room.seen(&view.position, &from_camera)?.distance < 1.0 - 1e-6;
     if !lit_side || hidden {
         return None;
     }
@@ -118,7 +120,6 @@ fn spot(
     let cosine = hit.normal.dot(&axis).abs();
     let dimmed = (sharp.determinant() / image_covariance.determinant()).sqrt();
     let amplitude_grey = peak_grey(world, beam.order, radius) * cosine * dimmed;
-    let origin = module.position;
     Some(Spot {
         index,
         order: beam.order,
@@ -210,7 +211,7 @@ impl Spot {
             for x in x0..=x1 {
                 let t = row.parameter(x as f64);
                 let ray = a + (b + c * t) * t;
-                let hit = nearest(&world.walls, &view.position, &ray);
+                let hit = world.room.seen(&view.position, &ray);
                 light.push(hit.map_or(0.0, |hit| self.grey_at(&hit)));
             }
         }

@@ -3,7 +3,7 @@ use beampose_photogrammetry::{Camera, GrayImage, Order};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::{clean, world};
-use crate::config::WallConfig;
+use crate::config::{MirrorConfig, WallConfig};
 use crate::{ImagedDot, ModuleState, World, WorldConfig};
 
 /// Centre and covariance of what `lit` has more than `dark` within four sigma of a dot.
@@ -106,6 +106,44 @@ fn footprints_lie_on_the_wall_that_their_beam_meets() {
     assert_eq!([depth(-3), depth(3)].map(f64::round), [150.0, 0.0]);
     let errors = centre_errors(&world, "cam_b", &module);
     assert!(errors.len() > 100 && errors.iter().all(|(e, _)| e.norm() < 0.02), "{errors:?}");
+}
+
+/// Two parallel mirrors only shift what is seen in them: the module before the first one is, unfolded,
+/// the module 900 mm from the wall. A beam that meets both gives the same dot: place, shape and light.
+#[test]
+fn a_folded_path_gives_the_dots_of_the_unfolded_one() {
+    let straight = world(laboratory(), 1);
+    let mut config = laboratory();
+    config.module.position_mm = [-300.0, 0.0, 600.0];
+    let mirror = |x: f64, normal: [f64; 3], half_size_mm| MirrorConfig {
+        point_mm: [x, 0.0, 500.0],
+        normal,
+        half_size_mm,
+    };
+    config.mirrors = vec![
+        mirror(-300.0, [1.0, 0.0, 1.0], [60.0, 40.0]),
+        mirror(0.0, [-1.0, 0.0, -1.0], [220.0, 80.0]),
+    ];
+    let folded = world(config, 1);
+    let [there, here] = [&straight, &folded].map(|w| w.module_state(0.0, 0.0, 658.0, Emission::On));
+    let mut compared = 0;
+    for camera in ["cam_a", "cam_b", "cam_c"] {
+        let expected = straight.imaged_dots(camera, &there).unwrap();
+        for dot in folded.imaged_dots(camera, &here).unwrap() {
+            let same = expected.iter().find(|e| e.order == dot.order).unwrap();
+            compared += 1;
+            assert!((dot.pixel - same.pixel).norm() < 1e-6, "{dot:?} {same:?}");
+            let sizes = [0, 1].map(|i| dot.sigma_px[i] - same.sigma_px[i]);
+            assert!(sizes.iter().all(|s| s.abs() < 1e-6), "{dot:?} {same:?}");
+            assert!((dot.amplitude_grey - same.amplitude_grey).abs() < 1e-6, "{dot:?} {same:?}");
+        }
+    }
+    // The second mirror stands before a part of the wall.
+    assert!(compared > 100, "{compared}");
+    // The outermost rows pass it above and below; of them the columns of one side meet no wall then.
+    let lost = folded.dots(&here).into_iter().filter(|dot| dot.xyz_mm.is_none());
+    let rows: Vec<i32> = lost.map(|dot| dot.order.n.abs()).collect();
+    assert!(rows.len() >= 10 && rows.iter().all(|n| *n == 5), "{rows:?}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use super::{clean, small, world};
-use crate::config::TargetRole;
+use crate::config::{MirrorConfig, TargetRole};
 use crate::{TrueParameters, WorldConfig, WorldError};
 
 const SEEDS: u64 = 400;
@@ -124,6 +124,9 @@ fn a_number_that_makes_no_sense_is_named() {
     refused(|c| c.picture_scale = 0.0, "picture_scale");
     refused(|c| c.targets[3].code = 4096, "targets[3].code");
     refused(|c| c.walls[0].normal = [0.0; 3], "walls[0].normal");
+    let mirror = |normal, half_size_mm| MirrorConfig { point_mm: [0.0; 3], normal, half_size_mm };
+    refused(|c| c.mirrors.push(mirror([0.0; 3], [9.0; 2])), "mirrors[0].normal");
+    refused(|c| c.mirrors.push(mirror([1.0; 3], [9.0, 0.0])), "mirrors[0].half_size_mm");
     refused(|c| c.picture.jpeg_quality = 0, "picture.jpeg_quality");
     refused(|c| c.beam.diameter_mm = f64::NAN, "beam.diameter_mm");
 }

@@ -176,7 +176,10 @@ fn measured(input: &FanReport) -> Markup {
             p.note {
                 "Turn: mean of the stage's turns at the reference wavelength, the correction to it in the \
                  next column included. Angle: between the two beams, after the correction for misalignment \
-                 and tilt. Spacing: of the two dots on a plane, from the model."
+                 and tilt. Spacing: of the two dots on a plane, from the model. The uncertainty of a mean has "
+                (degrees(input.options.u_stage, DEGREE_DECIMALS))
+                "° in it for the difference of two readings of the stage, which is the same in all \
+                 repetitions."
             }
         }
     }

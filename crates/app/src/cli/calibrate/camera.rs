@@ -1,11 +1,15 @@
 //! `beampose calibrate camera`.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use beampose_analysis::{CalibrationReport, calibration_html, calibration_json};
-use beampose_photogrammetry::calibrate::{Coverage, Stated, Unknowns, compare, write_calibration};
+use beampose_photogrammetry::calibrate::{Coverage, Stated, Unknowns, compare};
+use beampose_store::Store;
 
+use super::super::{Database, close};
 use super::{Ended, digits, print_stability, put, put_stability};
+use crate::calibration_record::{of_sheet, told};
 use crate::camera_calibration::{Calibrated, Method, Source, calibrate};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::SOFTWARE;
@@ -29,7 +33,8 @@ use crate::pipeline::SOFTWARE;
 /// the top-left pixel is (0, 0).
 ///
 /// Into the folder --out go NAME.yaml (ROS `camera_info`, as rigs take it, with a section on what it
-/// is worth), NAME.json and NAME.html. Several sources, calibrations of one camera in the order in
+/// is worth), NAME.json and NAME.html; it is recorded in the database too (`beampose calibrations`).
+/// Several sources, calibrations of one camera in the order in
 /// which they were made, are compared as `beampose calibrate compare` does.
 #[derive(clap::Args)]
 pub struct Camera {
@@ -65,10 +70,12 @@ pub struct Camera {
     /// Print one JSON object for each calibration, and one for the comparison
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    database: Database,
 }
 
 impl Camera {
-    pub fn execute(&self) -> Result<Exit, Ended> {
+    pub async fn execute(&self) -> Result<Exit, Ended> {
         let method = Method {
             sheet: self.sheet.clone(),
             unknowns: self.estimate.clone(),
@@ -79,15 +86,24 @@ impl Camera {
         };
         let names = self.names()?;
         let mut all = Vec::new();
+        let mut store: Option<Arc<Store>> = None;
         for (path, name) in self.sources.iter().zip(names) {
             let source = Source { path: path.clone(), name };
             let found = calibrate(&source, &method).map_err(Ended::input)?;
-            self.tell(&source.name, &found)?;
+            // Of a broken input nothing is made, no database either.
+            let store = match &mut store {
+                Some(store) => store,
+                None => store.insert(self.database.open().await?),
+            };
+            self.tell(store, &source.name, &found).await?;
             let unknowns: Vec<_> = found.result.unknowns.iter().collect();
             let rows = found.result.covariance.row_iter();
             let covariance = rows.map(|r| r.iter().copied().collect()).collect();
             let stated = Stated { parameters: unknowns, covariance };
             all.push((source.name, found.result.camera, Some(stated)));
+        }
+        if let Some(store) = store {
+            close(store).await;
         }
         if all.len() > 1 {
             let stability = compare(&all).map_err(|error| Ended::input(error.to_string()))?;
@@ -123,8 +139,8 @@ impl Camera {
         Ok(names)
     }
 
-    /// Writes the files of a calibration and says what came out.
-    fn tell(&self, name: &str, found: &Calibrated) -> Result<(), Ended> {
+    /// Records a calibration, writes its files and says what came out.
+    async fn tell(&self, store: &Store, name: &str, found: &Calibrated) -> Result<(), Ended> {
         let coverage = Coverage::of(&found.result.camera, &found.result.views);
         let report = CalibrationReport {
             name: name.to_owned(),
@@ -135,14 +151,18 @@ impl Camera {
             options: self.options(),
             software: SOFTWARE.to_owned(),
         };
-        let json = calibration_json(&report);
-        put(&self.out, &format!("{name}.yaml"), &write_calibration(name, &found.result))?;
+        let record = of_sheet(&report);
+        store.record_calibration(&record).await?;
+        let mut json = calibration_json(&report);
+        json["calibration"] = record.head.blake3.as_str().into();
+        put(&self.out, &format!("{name}.yaml"), &record.content)?;
         put(&self.out, &format!("{name}.html"), &calibration_html(&report))?;
         put(&self.out, &format!("{name}.json"), &serde_json::to_string_pretty(&json)?)?;
         if self.json {
             print(&json.to_string());
         } else {
             print(&in_words(name, found));
+            print(&told(&record));
             print(&self.out.join(format!("{name}.html")).display().to_string());
         }
         for one in &found.left_out {

@@ -32,7 +32,7 @@ enum Command {
 impl Calibrate {
     pub async fn execute(&self) -> Result<Exit, Ended> {
         match &self.command {
-            Command::Camera(camera) => camera.execute(),
+            Command::Camera(camera) => camera.execute().await,
             Command::Compare(compare) => compare.execute(),
             Command::Pattern(pattern) => pattern.execute().await,
             Command::Sheet(sheet) => sheet.execute(),

@@ -38,8 +38,8 @@ pub struct Compare {
 impl Compare {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
-        let a = one(&store, &self.a, None).await?;
-        let b = one(&store, &self.b, Some(&self.a)).await?;
+        let a = processing_of(&store, &self.a, None).await?;
+        let b = processing_of(&store, &self.b, Some(&self.a)).await?;
         close(store).await;
         let (results_a, results_b) = (a.analysed(), b.analysed());
         let side = |loaded: &'_ Loaded| loaded.captures.clone();
@@ -58,8 +58,16 @@ impl Compare {
     }
 }
 
-/// Loads what a word of the command line means; `other` is the word of the other side.
-async fn one(store: &Store, word: &str, other: Option<&str>) -> Result<Loaded, Ended> {
+/// Loads what a word of the command line means (`latest`, `latest@2`); `other` is the word of the
+/// other side, whose session `@2` alone means.
+///
+/// # Errors
+/// When there is no such session or processing, or it cannot be read.
+pub async fn processing_of(
+    store: &Store,
+    word: &str,
+    other: Option<&str>,
+) -> Result<Loaded, Ended> {
     let (session, processing) = match word.split_once('@') {
         Some((session, number)) => (session, Some(number)),
         None => (word, None),

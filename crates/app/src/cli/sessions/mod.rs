@@ -1,6 +1,6 @@
 //! `beampose sessions`. Each of its commands is a file here and a line in `Action`.
 
-mod compare;
+pub mod compare;
 mod delete;
 mod file;
 mod labels;

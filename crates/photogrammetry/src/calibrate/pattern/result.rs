@@ -39,6 +39,9 @@ pub struct FanOptions {
     /// Standard uncertainty of an angle that does not state its own, radians; without it, the scatter
     /// of repetitions says.
     pub u_angle: Option<f64>,
+    /// Standard uncertainty of the difference of two readings of the stage that all repetitions of a
+    /// pair share, radians: its graduation, which no repetition shows. It differs from pair to pair.
+    pub u_stage: f64,
     /// Standard uncertainty of the right angle between the directions of a grating, radians.
     pub non_orthogonality: f64,
     /// The model to take; without it, the angles say.
@@ -55,6 +58,7 @@ impl Default for FanOptions {
             u_offset: [1.0, 1.0],
             u_wavelength_nm: 0.4,
             u_angle: None,
+            u_stage: 0.0,
             // What masks of gratings are written to, with a wide margin.
             non_orthogonality: 0.05f64.to_radians(),
             model: None,
@@ -193,8 +197,11 @@ fn means(
 ) -> Result<Vec<MeanAngle>, FanFitError> {
     let direction = |order, scale| FanModel::RadialGrid.direction(parameters, order, scale);
     let reference = options.reference_wavelength_nm;
-    mean_angles(measured, &direction, &known.geometry, reference, options.u_angle)
-        .ok_or(FanFitError::NoUncertainty)
+    let mut means = mean_angles(measured, &direction, &known.geometry, reference, options.u_angle)
+        .ok_or(FanFitError::NoUncertainty)?;
+    // Repeating does not make it smaller.
+    means.iter_mut().for_each(|mean| mean.u = mean.u.hypot(options.u_stage));
+    Ok(means)
 }
 
 /// What single beams may be off the model, per axis: half of the variance of an angle that the

@@ -10,12 +10,12 @@ use beampose_photogrammetry::calibrate::pattern::{
     BudgetSizes, FanCalibration, FanModel, FanOptions, MeasuredAngle, StageGeometry, budget,
     calibrate_fan, read_measured, write_fan_angles,
 };
-use beampose_photogrammetry::pattern::write_pattern;
 
 use self::told::in_words;
-use super::super::Database;
+use super::super::{Database, close};
 use super::camera::{is_file_name, named};
 use super::{Ended, put};
+use crate::calibration_record::of_stage;
 use crate::camera_calibration::{input, text_of};
 use crate::output::{Exit, print};
 use crate::pipeline::SOFTWARE;
@@ -40,7 +40,8 @@ const DRAWS: usize = 20_000;
 ///
 /// Into the folder --out go NAME.yaml (the pattern, as rigs and `solve --with-pattern` take it),
 /// NAME_angles.csv (all angles between neighbours with their standard uncertainties), NAME.json (all
-/// of it, with the covariance of the parameters) and NAME.html.
+/// of it, with the covariance of the parameters) and NAME.html; the calibration is recorded in the
+/// database too, with what it was made from (`beampose calibrations`).
 ///
 /// With --session no stage is needed: the photographs of stored sessions, solved before, are adjusted
 /// together with the fan's common scale and each beam's error as unknowns, and the fan is read out of
@@ -106,7 +107,8 @@ pub struct Pattern {
     /// Standard uncertainty of the right angle between the rows and columns of the grating
     #[arg(long, value_name = "DEG", default_value_t = 0.05, value_parser = not_below_zero)]
     u_square_deg: f64,
-    /// For the budget: standard uncertainty of the difference of two readings of the stage
+    /// Standard uncertainty of the difference of two readings of the stage that all repetitions of a
+    /// pair share: its graduation
     #[arg(long, value_name = "DEG", default_value_t = 0.0005, value_parser = not_below_zero)]
     u_stage_deg: f64,
     /// For the budget: of the second dot's place, along the turn and in height
@@ -128,12 +130,12 @@ pub struct Pattern {
 impl Pattern {
     pub async fn execute(&self) -> Result<Exit, Ended> {
         match &self.measured {
-            Some(path) => self.of_stage(path),
+            Some(path) => self.of_stage(path).await,
             None => self.of_sessions().await,
         }
     }
 
-    fn of_stage(&self, path: &Path) -> Result<Exit, Ended> {
+    async fn of_stage(&self, path: &Path) -> Result<Exit, Ended> {
         let name = self.name.clone().unwrap_or_else(|| named(path));
         if !is_file_name(&name) {
             return Err(Ended::input(format!("`{name}` is no name for files: --name gives one")));
@@ -159,7 +161,7 @@ impl Pattern {
             command: self.command(&options),
             software: SOFTWARE.to_owned(),
         };
-        self.tell(&report, &measured)
+        self.tell(&report, &measured).await
     }
 
     fn options(&self, was_read: bool) -> FanOptions {
@@ -178,6 +180,7 @@ impl Pattern {
             u_offset: [across, along],
             u_wavelength_nm: self.u_wavelength_nm.unwrap_or(unread),
             u_angle: self.u_angle_deg.map(f64::to_radians),
+            u_stage: self.u_stage_deg.to_radians(),
             non_orthogonality: self.u_square_deg.to_radians(),
             model: self.model,
         }
@@ -203,10 +206,20 @@ impl Pattern {
         }
     }
 
-    fn tell(&self, report: &FanReport, measured: &[MeasuredAngle]) -> Result<Exit, Ended> {
+    /// Records the calibration, writes its files and says what came out.
+    async fn tell(
+        &self,
+        report: &FanReport<'_>,
+        measured: &[MeasuredAngle],
+    ) -> Result<Exit, Ended> {
         let (name, found) = (&report.name, report.found);
-        let json = fan_json(report);
-        put(&self.out, &format!("{name}.yaml"), &write_pattern(&found.pattern))?;
+        let record = of_stage(report, Vec::new());
+        let store = self.database.open().await?;
+        store.record_calibration(&record).await?;
+        close(store).await;
+        let mut json = fan_json(report);
+        json["calibration"] = record.head.blake3.as_str().into();
+        put(&self.out, &format!("{name}.yaml"), &record.content)?;
         put(&self.out, &format!("{name}_angles.csv"), &write_fan_angles(&found.angles))?;
         put(&self.out, &format!("{name}.json"), &serde_json::to_string_pretty(&json)?)?;
         put(&self.out, &format!("{name}.html"), &fan_html(report))?;
@@ -214,6 +227,7 @@ impl Pattern {
             print(&json.to_string());
         } else {
             print(&in_words(report, measured.len()));
+            print(&crate::calibration_record::told(&record));
             print(&self.out.join(format!("{name}.html")).display().to_string());
         }
         Ok(Exit::Success)

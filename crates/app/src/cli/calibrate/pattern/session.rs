@@ -7,12 +7,13 @@ use beampose_photogrammetry::Setup;
 use beampose_photogrammetry::calibrate::pattern::{
     FanPrior, SessionFan, calibrate_from_session, write_fan_angles,
 };
-use beampose_photogrammetry::pattern::write_pattern;
+use beampose_store::Calibration;
 
 use super::super::super::{close, find};
 use super::super::camera::is_file_name;
 use super::told::parameter;
 use super::{Ended, Pattern, put};
+use crate::calibration_record::{of_photographs, session, told};
 use crate::output::{Exit, print};
 use crate::pipeline::SOFTWARE;
 use crate::session_report::{load, solved_captures};
@@ -22,7 +23,7 @@ impl Pattern {
     pub(super) async fn of_sessions(&self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let mut together: Option<Setup> = None;
-        let (mut all, mut inputs) = (Vec::new(), Vec::new());
+        let (mut all, mut inputs, mut sources) = (Vec::new(), Vec::new(), Vec::new());
         for wanted in &self.session {
             let id = find(&store, wanted).await?;
             let loaded = load(&store, id).await?;
@@ -32,10 +33,11 @@ impl Pattern {
             }
             together = Some(loaded.setup);
             all.extend(loaded.captures);
+            let header = &loaded.session.header;
+            sources.push(session(header, Some(loaded.processing.start.created)));
             let blake3 = loaded.session.header.plan_hash.clone();
             inputs.push(InputFile { name: id.to_string(), blake3 });
         }
-        close(store).await;
         let Some(setup) = together else { return Err(Ended::input("name a session")) };
         let name = self.name.clone().unwrap_or_else(|| "fan".to_owned());
         if !is_file_name(&name) {
@@ -46,19 +48,23 @@ impl Pattern {
         all.retain(|c| c.solution.is_ok());
         let captures = all.len();
         let found = tokio::task::spawn_blocking(move || {
-            let solved = solved_captures(&all).unwrap_or_default();
+            let solved = solved_captures(&setup, &all).unwrap_or_default();
             calibrate_from_session(&setup, &solved, prior)
         })
         .await?
         .map_err(|why| Ended::input(format!("the fan cannot be calibrated: {why}")))?;
-        self.tell_session(&SessionFanReport {
+        let report = SessionFanReport {
             name,
             found: &found,
             prior,
             captures,
             sessions: &inputs,
             software: SOFTWARE.to_owned(),
-        })
+        };
+        let record = of_photographs(&report, sources);
+        store.record_calibration(&record).await?;
+        close(store).await;
+        self.tell_session(&report, &record)
     }
 
     fn prior(&self, setup: &Setup) -> FanPrior {
@@ -71,10 +77,11 @@ impl Pattern {
         }
     }
 
-    fn tell_session(&self, report: &SessionFanReport) -> Result<Exit, Ended> {
+    fn tell_session(&self, report: &SessionFanReport, record: &Calibration) -> Result<Exit, Ended> {
         let (name, found) = (&report.name, report.found);
-        let json = session_fan_json(report);
-        put(&self.out, &format!("{name}.yaml"), &write_pattern(&found.pattern))?;
+        let mut json = session_fan_json(report);
+        json["calibration"] = record.head.blake3.as_str().into();
+        put(&self.out, &format!("{name}.yaml"), &record.content)?;
         put(&self.out, &format!("{name}_angles.csv"), &write_fan_angles(&found.angles))?;
         put(&self.out, &format!("{name}.json"), &serde_json::to_string_pretty(&json)?)?;
         put(&self.out, &format!("{name}.html"), &session_fan_html(report))?;
@@ -82,6 +89,7 @@ impl Pattern {
             print(&json.to_string());
         } else {
             print(&in_words(name, found, report.prior, report.captures));
+            print(&told(record));
             print(&self.out.join(format!("{name}.html")).display().to_string());
         }
         Ok(Exit::Success)
