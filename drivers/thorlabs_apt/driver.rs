@@ -331,7 +331,10 @@ impl Axis for ThorlabsApt {
 
     async fn stop(&self) -> Result<(), InstrumentError> {
         // 2: with its own deceleration, so that it does not lose its place.
-        let mut bits = self.tell(apt::short(apt::MOT_MOVE_STOP, self.channel as u8, 2)).await?;
+        let stop = apt::short(apt::MOT_MOVE_STOP, self.channel as u8, 2);
+        // At once, whoever waits for an answer now; nothing answers it but a message of its own.
+        self.line.send_without_waiting(&stop);
+        let mut bits = self.tell(stop).await?;
         while bits.is_moving() || bits.is_homing() {
             self.clock.sleep(POLL).await;
             bits = self.bits().await?;
