@@ -381,3 +381,23 @@ impl Homing for ThorlabsApt {
         Ok(bits.is_homed() && !bits.is_homing())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speeds_are_those_of_the_protocols_document() {
+        // Its section 8, as several open programs cite it: counts per unit, and the controller's
+        // number for one unit per second. MTS50-Z8, PRM1-Z8, K10CR1, LTS300.
+        for (motor, counts_per_unit, number) in [
+            (Motor::Dc, 34_554.96, 772_981.369_2),
+            (Motor::Dc, 1_919.641_857_862_339, 42_941.66),
+            (Motor::Stepper, 136_533.33, 7_329_109.0),
+            (Motor::Stepper, 409_600.0, 21_987_328.0),
+        ] {
+            let ours = counts_per_unit * motor.speed();
+            assert!((ours / number - 1.0).abs() < 1e-6, "{ours} {number}");
+        }
+    }
+}
