@@ -9,7 +9,8 @@ use beampose_core::InstrumentError;
 use super::Way;
 use super::bench::Bench;
 use crate::registry::{Connected, Moved};
-use crate::sim::Fault;
+use crate::sim::{Fault, LineSettings};
+use crate::transport::FlowControl;
 
 pub(super) fn identifies(bench: &Bench) -> Result<(), String> {
     let asker = bench.asker()?;
@@ -19,6 +20,26 @@ pub(super) fn identifies(bench: &Bench) -> Result<(), String> {
     }
     if !identity.simulated {
         return Err("it does not say that it is simulated".to_owned());
+    }
+    Ok(())
+}
+
+/// A pty takes all bytes whatever their speed, so that only the settings tell. Parity and data bits
+/// it does not even keep.
+pub(super) fn port(bench: &Bench) -> Result<(), String> {
+    let (Some(host), Some(wanted), Way::Pty) = (bench.host(), bench.driver.port, bench.way) else {
+        return Ok(());
+    };
+    let _asker = bench.asker()?;
+    let found = host.line_settings().ok_or("the port was not seen")?;
+    let as_wanted = LineSettings {
+        baud: wanted.baud,
+        two_stop_bits: wanted.stop_bits == 2,
+        software_flow: wanted.flow == FlowControl::Software,
+        hardware_flow: wanted.flow == FlowControl::Hardware,
+    };
+    if found != as_wanted {
+        return Err(format!("expected {as_wanted:?}, found {found:?}"));
     }
     Ok(())
 }

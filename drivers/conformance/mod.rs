@@ -33,6 +33,7 @@ const CAMERAS: &[&str] = &["camera"];
 /// All of it.
 pub const CHECKS: &[Check] = &[
     Check { name: "it says who it is", kinds: &[], run: line::identifies },
+    Check { name: "its serial port is set as it says", kinds: &[], run: line::port },
     Check {
         name: "no answer is a timeout, and the next call works",
         kinds: &[],

@@ -218,8 +218,11 @@ impl Axis for NewportSmc {
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
+        let stop = protocol::command(self.address, "ST");
+        // At once, whoever waits for an answer now; nothing answers it.
+        self.line.send_without_waiting(&stop);
         let mut talk = self.line.talk(&self.seen).await?;
-        talk.send(&protocol::command(self.address, "ST")).await?;
+        talk.send(&stop).await?;
         // Refused where nothing moves, or an error of before: what counts is that it stands.
         self.query(&mut talk, "TE", "").await?;
         drop(talk);

@@ -166,45 +166,47 @@ impl Controller {
         self.velocity = self.top_velocity / 2.0;
     }
 
+    fn search(&mut self) -> Result<(), char> {
+        match self.state() {
+            0x0a..=0x11 => {
+                let [low, high] = self.stage.limits();
+                let home = 0.0_f64.clamp(low, high);
+                self.stage.go(home).map_err(|_| 'V')?;
+                self.setpoint = Some(home);
+                self.state = HOMING;
+                Ok(())
+            }
+            HOMING => Err('E'),
+            _ => Err(self.letter()),
+        }
+    }
+
+    fn switch_motor(&mut self, value: &str) -> Result<(), char> {
+        self.state = match (value, self.state()) {
+            ("0", MOVING) => {
+                self.stop()?;
+                DISABLE_FROM_MOVING
+            }
+            ("0", 0x32..=0x35) => DISABLE_FROM_READY,
+            ("1", 0x3c..=0x3e) => READY_FROM_DISABLE,
+            ("0" | "1", _) => return Err(self.letter()),
+            _ => return Err('C'),
+        };
+        Ok(())
+    }
+
     /// What changes something; nothing of it is answered.
     fn obey(&mut self, name: &str, value: &str) -> Result<(), char> {
         let number = value.parse::<f64>().map_err(|_| 'C');
         match name {
-            "OR" => match self.state() {
-                0x0a..=0x11 => {
-                    let [low, high] = self.stage.limits();
-                    let home = 0.0_f64.clamp(low, high);
-                    self.stage.go(home).map_err(|_| 'V')?;
-                    self.setpoint = Some(home);
-                    self.state = HOMING;
-                    Ok(())
-                }
-                HOMING => Err('E'),
-                _ => Err(self.letter()),
-            },
+            "OR" => self.search(),
             "PA" => self.go(number?),
             "PR" => {
                 let target = self.setpoint() + number?;
                 self.go(target)
             }
             "ST" => self.stop(),
-            "MM" => match (value, self.state()) {
-                ("0", MOVING) => {
-                    self.stop()?;
-                    self.state = DISABLE_FROM_MOVING;
-                    Ok(())
-                }
-                ("0", 0x32..=0x35) => {
-                    self.state = DISABLE_FROM_READY;
-                    Ok(())
-                }
-                ("1", 0x3c..=0x3e) => {
-                    self.state = READY_FROM_DISABLE;
-                    Ok(())
-                }
-                ("0" | "1", _) => Err(self.letter()),
-                _ => Err('C'),
-            },
+            "MM" => self.switch_motor(value),
             "VA" | "AC" | "SL" | "SR" => self.set(name, number?),
             "PW" => match (value, self.state()) {
                 ("1", 0x0a..=0x11) => {

@@ -318,6 +318,10 @@ fn serve_ptys(first: Pty, link: &std::path::Path, shared: &Shared) {
         };
         let mut watched = Watched { pty: &mut pty, shared };
         let _ = shared.serve(&mut watched);
+        // Before the old one goes: a client that finds it gone finds the new one.
+        if !shared.has_ended() && !shared.trouble.is_unplugged() {
+            next = Pty::linked(link).ok();
+        }
     }
     let _ = std::fs::remove_file(link);
 }

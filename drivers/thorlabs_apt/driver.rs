@@ -331,7 +331,10 @@ impl Axis for ThorlabsApt {
 
     async fn stop(&self) -> Result<(), InstrumentError> {
         // 2: with its own deceleration, so that it does not lose its place.
-        let mut bits = self.tell(apt::short(apt::MOT_MOVE_STOP, self.channel as u8, 2)).await?;
+        let stop = apt::short(apt::MOT_MOVE_STOP, self.channel as u8, 2);
+        // At once, whoever waits for an answer now; nothing answers it but a message of its own.
+        self.line.send_without_waiting(&stop);
+        let mut bits = self.tell(stop).await?;
         while bits.is_moving() || bits.is_homing() {
             self.clock.sleep(POLL).await;
             bits = self.bits().await?;
@@ -376,5 +379,25 @@ impl Homing for ThorlabsApt {
     async fn is_homed(&self) -> Result<bool, InstrumentError> {
         let bits = self.bits().await?;
         Ok(bits.is_homed() && !bits.is_homing())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speeds_are_those_of_the_protocols_document() {
+        // Its section 8, as several open programs cite it: counts per unit, and the controller's
+        // number for one unit per second. MTS50-Z8, PRM1-Z8, K10CR1, LTS300.
+        for (motor, counts_per_unit, number) in [
+            (Motor::Dc, 34_554.96, 772_981.369_2),
+            (Motor::Dc, 1_919.641_857_862_339, 42_941.66),
+            (Motor::Stepper, 136_533.33, 7_329_109.0),
+            (Motor::Stepper, 409_600.0, 21_987_328.0),
+        ] {
+            let ours = counts_per_unit * motor.speed();
+            assert!((ours / number - 1.0).abs() < 1e-6, "{ours} {number}");
+        }
     }
 }

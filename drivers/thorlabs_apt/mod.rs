@@ -2,7 +2,7 @@
 //!
 //! Sources: Thorlabs' "APT Controllers Host-Controller Communications Protocol", and two clients
 //! (`thorlabs-apt-device`, `pylablib`) that also talk to [`AptUnit`]. What no peer could check: the
-//! reset of the USB chip at connect, the scale of speeds, how real stages report a refusal.
+//! reset of the USB chip at connect, the scale of an LTS's speed, how real stages report a refusal.
 //!
 //! Every position counts from the reference, which a controller loses with its power. It then moves
 //! all the same, somewhere else; the driver refuses to.
@@ -20,11 +20,12 @@ use crate::transport::{FlowControl, PortSettings};
 
 const COUNTS: OptionSpec = OptionSpec {
     name: "counts_per_unit",
-    about: "counts for a millimetre or a degree: 34304 for MTS25-Z8 and MTS50-Z8, \
+    about: "counts for a millimetre or a degree: 34554.96 for MTS25-Z8 and MTS50-Z8 (some sources \
+            say 34304, by their gears' rounded ratio: check it over a known distance), \
             1919.6418578623391 for PRM1-Z8, 136533.33333333333 for K10CR1, 409600 for LTS150 and \
-            LTS300",
+            LTS300 (25600 with the first electronics)",
     default: None,
-    example: Value::Number(34_304.0),
+    example: Value::Number(34_554.96),
 };
 
 const CONTROLLER: OptionSpec = OptionSpec {

@@ -254,9 +254,29 @@ impl Channel {
         full(id, &[&number, &position.to_le_bytes(), &middle, &bits])
     }
 
+    /// Parameters that are kept and given back, and nothing else.
+    fn parameters(&mut self, asked: &Asked) -> Option<Vec<u8>> {
+        let place: &mut [u8] = match asked.id {
+            0x0413 | 0x0414 => &mut self.velocity,
+            0x0416 | 0x0417 => &mut self.jog,
+            0x0423 | 0x0424 => &mut self.limit_switches,
+            0x043a | 0x043b => &mut self.backlash,
+            0x0440 | 0x0441 => &mut self.home,
+            _ => return None,
+        };
+        if asked.data.is_empty() {
+            // A question; the answer has the next number.
+            return Some(full(asked.id + 1, &[&self.number.to_le_bytes(), place]));
+        }
+        asked.store(place);
+        Some(Vec::new())
+    }
+
     fn obey(&mut self, asked: &Asked, has_dc_motor: bool) -> Vec<u8> {
+        if let Some(answer) = self.parameters(asked) {
+            return answer;
+        }
         let number = self.number.to_le_bytes();
-        let parameters = |id, bytes: &[u8]| full(id, &[&number, bytes]);
         match asked.id {
             0x0210 => self.enabled = asked.second == 1,
             0x0211 => return brief(0x0212, asked.first, if self.enabled { 1 } else { 2 }),
@@ -265,19 +285,9 @@ impl Channel {
                 self.zero = self.stage.encoder() - f64::from(counts) / self.scale;
                 self.settled = Some(counts);
             }
-            0x0411 => return parameters(0x0412, &self.encoder().to_le_bytes()),
-            0x040a => return parameters(0x040b, &self.encoder().to_le_bytes()),
-            0x0413 => asked.store(&mut self.velocity),
-            0x0414 => return parameters(0x0415, &self.velocity),
-            0x0416 => asked.store(&mut self.jog),
-            0x0417 => return parameters(0x0418, &self.jog),
-            0x0423 => asked.store(&mut self.limit_switches),
-            0x0424 => return parameters(0x0425, &self.limit_switches),
-            0x0429 => return parameters(0x042a, &self.bits().to_le_bytes()),
-            0x043a => asked.store(&mut self.backlash),
-            0x043b => return parameters(0x043c, &self.backlash),
-            0x0440 => asked.store(&mut self.home),
-            0x0441 => return parameters(0x0442, &self.home),
+            0x0411 => return full(0x0412, &[&number, &self.encoder().to_le_bytes()]),
+            0x040a => return full(0x040b, &[&number, &self.encoder().to_le_bytes()]),
+            0x0429 => return full(0x042a, &[&number, &self.bits().to_le_bytes()]),
             0x0443 => self.search(),
             0x0448 => {
                 let from = self.position();
