@@ -36,7 +36,9 @@ const LINES: &[(&str, &str)] = &[
 /// that was drawn.
 const HOLDS_THE_WORLD: &[&str] = &[
     "crates/app/src/wiring/mod.rs",
+    "crates/app/src/wiring/parts.rs",
     "crates/app/src/wiring/person.rs",
+    "crates/app/src/wiring/wires.rs",
     "crates/app/src/truth.rs",
     "crates/app/src/conduct.rs",
 ];
