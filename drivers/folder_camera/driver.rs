@@ -255,5 +255,4 @@ impl Camera for FolderCamera {
 }
 
 #[cfg(test)]
-#[path = "tests.rs"]
 mod tests;

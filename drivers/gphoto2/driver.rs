@@ -241,5 +241,4 @@ impl Camera for Gphoto2Camera {
 }
 
 #[cfg(test)]
-#[path = "tests.rs"]
 mod tests;

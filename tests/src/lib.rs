@@ -48,11 +48,21 @@ fn gather(folder: &Path, prefix: &str, endings: &[&str], found: &mut Vec<Source>
     }
 }
 
+/// The folder of `drivers` that hold no part of the program; the others are its families.
+const BESIDE_DRIVERS: &[&str] = &["drivers/tests/", "drivers/examples/", "drivers/peers/"];
+
+/// Whether a Rust file belongs to a crate's library or program. The drivers' crate has no `src`: its
+/// families are folders of its own.
+fn is_of_a_crate(path: &str) -> bool {
+    let is_driver = path.starts_with("drivers/")
+        && !BESIDE_DRIVERS.iter().any(|folder| path.starts_with(folder));
+    is_driver || path.contains("/src/") && !path.starts_with("drivers/")
+}
+
 /// Every Rust file that goes into the program: no tests, benches or examples.
 #[must_use]
 pub fn program() -> Vec<Source> {
-    let all: Vec<Source> =
-        files(&[".rs"]).into_iter().filter(|s| s.path.contains("/src/")).collect();
+    let all: Vec<Source> = files(&[".rs"]).into_iter().filter(|s| is_of_a_crate(&s.path)).collect();
     let tests: Vec<String> = all.iter().flat_map(test_modules).collect();
     let is_test = |path: &str| tests.iter().any(|t| path.starts_with(t.as_str()));
     all.into_iter()

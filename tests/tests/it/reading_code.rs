@@ -33,4 +33,8 @@ fn tests_within_a_file_are_no_part_of_the_program() {
     assert!(of("crates/store/src/open.rs").is_some());
     assert!(of("crates/store/src/tests/opening.rs").is_none());
     assert!(of("crates/photogrammetry/src/detect/testing.rs").is_none());
+    // The drivers' crate has no folder `src`.
+    assert!(of("drivers/zaber/driver.rs").is_some() && of("drivers/lib.rs").is_some());
+    assert!(of("drivers/folder_camera/driver/tests.rs").is_none());
+    assert!(of("drivers/tests/conformance.rs").is_none());
 }

@@ -1,3 +1,5 @@
+//! The driver before a folder that a script fills: pictures in time, late, half written, lost.
+
 use std::collections::BTreeMap;
 use std::fs::write;
 
