@@ -9,7 +9,7 @@ use beampose_core::{Axis, Camera, Clock, InstrumentError, Laser, Quantity, Senso
 
 use crate::options::{OptionSpec, Options};
 use crate::sim::{Device, Hosted, Simulated};
-use crate::transport::{Address, FlowControl, Line, Parity, PortSettings};
+use crate::transport::{Address, FlowControl, Line, Parity, Party, PortSettings};
 
 /// A driver: which kind of instrument it is for, and how one is made.
 #[derive(Debug, Clone, Copy)]
@@ -127,16 +127,16 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// The line of a driver that has one.
+    /// Its place on the line, for a driver that has one.
     ///
     /// # Errors
     /// [`InstrumentError::Disconnected`] where nobody opened one: the address is of another kind.
-    pub fn line(&self) -> Result<Arc<Line>, InstrumentError> {
+    pub fn line(&self) -> Result<Party, InstrumentError> {
         let none = || {
             let name = &self.name;
             InstrumentError::Disconnected(format!("{name} needs a serial port or a TCP address"))
         };
-        self.line.clone().ok_or_else(none)
+        self.line.clone().map(Party::new).ok_or_else(none)
     }
 }
 

@@ -1,7 +1,6 @@
 //! A Bristol wavelength meter.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -9,7 +8,7 @@ use beampose_core::{Clock, Identity, Instrument, InstrumentError, Quantity, Read
 
 use super::protocol::{self, Frequency};
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// So long nothing comes once the banner is over.
 const BANNER_QUIET: Duration = Duration::from_millis(200);
@@ -18,8 +17,7 @@ const MOST_ASIDES: usize = 20;
 
 /// A wavelength meter.
 pub struct Bristol {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     quiet: Duration,
     u: Option<f64>,
@@ -34,7 +32,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Sensor(Arc::new(Bristol {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         // Whoever wants answers sooner than that also has a line that is quiet sooner.
         quiet: BANNER_QUIET.min(setting.deadline),
         u,
@@ -49,7 +46,7 @@ fn garbled(expected: &str, found: &str) -> InstrumentError {
 
 impl Bristol {
     async fn turn(&self) -> Result<Talk<'_>, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             // The telnet server greets, in how many lines depends on the firmware.
             talk.discard(self.quiet).await?;

@@ -1,7 +1,6 @@
 //! An instrument of which the rig file says how it is read.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,15 +9,14 @@ use beampose_core::{Clock, Identity, Instrument, InstrumentError, Quantity, Read
 use super::protocol::{self, Pattern};
 use super::units::Unit;
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// So long nothing comes once it has answered its setup.
 const QUIET: Duration = Duration::from_millis(200);
 
 /// A reader.
 pub struct Generic {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     command: Vec<u8>,
     identify: Vec<u8>,
@@ -60,7 +58,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     let expected = options.text("answer")?.to_owned();
     Ok(Connected::Sensor(Arc::new(Generic {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         command,
         identify: read("identify")?,
         setup,
@@ -78,7 +75,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
 
 impl Generic {
     async fn turn(&self) -> Result<Talk<'_>, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             for command in &self.setup {
                 talk.send(command).await?;

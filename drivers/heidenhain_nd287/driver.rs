@@ -1,7 +1,6 @@
 //! A hand-moved rail with an ND 287 display.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 
 use async_trait::async_trait;
 use beampose_core::instrument::AxisUnit;
@@ -10,12 +9,11 @@ use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity
 use super::protocol;
 use crate::readout::may_be_moved_to;
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// A display.
 pub struct Nd287 {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     limits: [f64; 2],
     simulated: bool,
@@ -27,7 +25,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Axis(Arc::new(Nd287 {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         limits,
         simulated: setting.simulated,
         clock: setting.clock,
@@ -82,7 +79,7 @@ async fn unit(talk: &mut Talk<'_>) -> Result<f64, InstrumentError> {
 #[async_trait]
 impl Instrument for Nd287 {
     async fn identify(&self) -> Result<Identity, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         let name = text(&mut talk, protocol::IDENTITY).await?;
         let (software, version) = (line(&mut talk).await?, line(&mut talk).await?);
         if !name.starts_with("ND") {
@@ -101,7 +98,7 @@ impl Axis for Nd287 {
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         let before = unit(&mut talk).await?;
         let shown = text(&mut talk, protocol::POSITION).await?;
         let after = unit(&mut talk).await?;

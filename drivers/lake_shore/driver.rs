@@ -1,7 +1,6 @@
 //! One input of a Lake Shore monitor.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -9,15 +8,14 @@ use beampose_core::{Clock, Identity, Instrument, InstrumentError, Quantity, Read
 
 use super::protocol::{self, Scale};
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// Before each command: it takes 20 in a second, of all inputs together.
 const PACE: Duration = Duration::from_millis(50);
 
 /// One input.
 pub struct LakeShore {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     channel: String,
     scale: Scale,
@@ -44,7 +42,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Sensor(Arc::new(LakeShore {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         channel,
         scale,
         asks_status: setting.options.switch("status")?,
@@ -60,7 +57,7 @@ fn garbled(expected: &str, found: &str) -> InstrumentError {
 
 impl LakeShore {
     async fn turn(&self) -> Result<Talk<'_>, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             // Half a command of whoever spoke before, and what the register remembers of it.
             self.clock.sleep(PACE).await;

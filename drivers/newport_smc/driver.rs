@@ -1,7 +1,6 @@
 //! A stage on an SMC100 or CONEX controller.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,7 +9,7 @@ use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity
 
 use super::protocol::{self, State, Status};
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
 const POLL: Duration = Duration::from_millis(50);
@@ -24,8 +23,7 @@ const ARRIVED: f64 = 1e-3;
 
 /// A stage on an SMC100 or CONEX controller.
 pub struct NewportSmc {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     address: u32,
     unit: AxisUnit,
@@ -40,7 +38,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Axis(Arc::new(NewportSmc {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         address: setting.options.whole("address", 1, 31)?,
         unit,
         limits,
@@ -53,7 +50,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
 impl NewportSmc {
     /// A question of two letters, and what is answered to it.
     async fn ask(&self, question: &str) -> Result<String, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         self.query(&mut talk, question, "").await
     }
 
@@ -76,7 +73,7 @@ impl NewportSmc {
 
     /// A command that nothing answers, and whether it was taken.
     async fn tell(&self, words: &str) -> Result<(), InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         // An error of before, of whomever, is not ours: reading it clears it.
         self.query(&mut talk, "TE", "").await?;
         talk.send(&protocol::command(self.address, words)).await?;
@@ -134,7 +131,7 @@ impl NewportSmc {
 
     /// Forgets its reference: a controller that has one refuses to search it again.
     async fn reset(&self) -> Result<(), InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         talk.send(&protocol::command(self.address, "RS")).await?;
         drop(talk);
         self.clock.sleep(RESET).await;
@@ -167,7 +164,7 @@ impl NewportSmc {
 #[async_trait]
 impl Instrument for NewportSmc {
     async fn identify(&self) -> Result<Identity, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         let controller = self.query(&mut talk, "VE", "").await?;
         let stage = self.query(&mut talk, "ID", "?").await?;
         Ok(Identity {
@@ -221,7 +218,7 @@ impl Axis for NewportSmc {
         let stop = protocol::command(self.address, "ST");
         // At once, whoever waits for an answer now; nothing answers it.
         self.line.send_without_waiting(&stop);
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         talk.send(&stop).await?;
         // Refused where nothing moves, or an error of before: what counts is that it stands.
         self.query(&mut talk, "TE", "").await?;

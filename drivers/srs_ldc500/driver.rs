@@ -1,7 +1,6 @@
 //! The current source of an LDC500.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,15 +9,14 @@ use beampose_core::{Clock, Identity, InstrumentError};
 use super::protocol;
 use crate::laser::{GuardedLaser, LaserDevice};
 use crate::registry::{Connected, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// From a setting to its error in the registers: 15 ms in the experience of others, and some more.
 const ERROR_COMES: Duration = Duration::from_millis(25);
 
 /// An LDC500's line as laser and sensor use it.
 pub(super) struct Interface {
-    line: Arc<Line>,
-    pub(super) seen: AtomicU64,
+    line: Party,
     pub(super) clock: Arc<dyn Clock>,
     simulated: bool,
 }
@@ -27,14 +25,13 @@ impl Interface {
     pub(super) fn new(setting: &Setting) -> Result<Self, InstrumentError> {
         Ok(Self {
             line: setting.line()?,
-            seen: AtomicU64::new(0),
             clock: Arc::clone(&setting.clock),
             simulated: setting.simulated,
         })
     }
 
     pub(super) async fn talk(&self) -> Result<Talk<'_>, InstrumentError> {
-        self.line.talk(&self.seen).await
+        self.line.talk().await
     }
 
     /// What every session begins with. Errors that were there before are nobody's here.

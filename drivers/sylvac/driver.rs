@@ -1,7 +1,6 @@
 //! A hand-moved rail with an OptoRS readout.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 
 use async_trait::async_trait;
 use beampose_core::instrument::AxisUnit;
@@ -10,15 +9,14 @@ use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity
 use super::protocol::{self, Message, Unit};
 use crate::readout::may_be_moved_to;
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// More lines than this before the answer: somebody leans on PRINT, or it sends by itself.
 const MOST_ASIDES: usize = 20;
 
 /// A readout.
 pub struct Sylvac {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     limits: [f64; 2],
     simulated: bool,
@@ -30,7 +28,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Axis(Arc::new(Sylvac {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         limits,
         simulated: setting.simulated,
         clock: setting.clock,
@@ -94,7 +91,7 @@ fn refusal(number: u8) -> InstrumentError {
 #[async_trait]
 impl Instrument for Sylvac {
     async fn identify(&self) -> Result<Identity, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         let mut line = self.ask(&mut talk, "ID?").await?;
         // What PRINT sent before is passed over.
         for _ in 0..MOST_ASIDES {
@@ -119,7 +116,7 @@ impl Axis for Sylvac {
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         let measured = self.measure(&mut talk).await;
         if measured.is_err() {
             talk.is_lost();

@@ -1,7 +1,7 @@
 //! A stage on an APT controller.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,7 +10,7 @@ use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity
 
 use super::protocol::{self as apt, Bits, HEADER};
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
 const POLL: Duration = Duration::from_millis(50);
@@ -53,8 +53,7 @@ impl Motor {
 
 /// A stage on an APT controller.
 pub struct ThorlabsApt {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     /// The last exchange lost its place.
     lost: AtomicBool,
     clock: Arc<dyn Clock>,
@@ -85,7 +84,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Axis(Arc::new(ThorlabsApt {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         lost: AtomicBool::new(false),
         channel: setting.options.whole("channel", 1, 6)? as u16,
         motor,
@@ -107,7 +105,7 @@ struct Came {
 impl ThorlabsApt {
     /// Sends, and waits for the answer of that number to this channel.
     async fn ask(&self, request: &[u8], answer: u16) -> Result<Vec<u8>, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             // Status messages that another program has ordered would be taken for answers.
             talk.send(&apt::short(apt::HW_STOP_UPDATE_MESSAGES, 0, 0)).await?;

@@ -24,33 +24,49 @@ impl Line {
         Self { transport, turn: Mutex::new(()), deadline, owed: AtomicBool::new(false) }
     }
 
-    /// Waits for its turn, and sees that the line is open and that no answer of before comes in
-    /// between: after one that did not come in time it waits until the line is quiet. `seen` is the driver's own counter: where
-    /// the line was opened since, [`Talk::is_new`] says so, until [`Talk::is_set_up`].
-    ///
-    /// # Errors
-    /// As [`Transport::open`].
-    pub async fn talk<'a>(&'a self, seen: &'a AtomicU64) -> Result<Talk<'a>, InstrumentError> {
-        let turn = self.turn.lock().await;
-        let opened = self.transport.open(self.deadline.max(CONNECT)).await?;
-        if self.owed.load(Ordering::SeqCst) {
-            self.transport.discard(self.deadline * 2).await?;
-            // Not before: whoever waits here may be given up as well.
-            self.owed.store(false, Ordering::SeqCst);
-        }
-        Ok(Talk { line: self, opened, seen, midway: false, _turn: turn })
-    }
-
     fn noted<T>(&self, received: Result<T, InstrumentError>) -> Result<T, InstrumentError> {
         if matches!(received, Err(InstrumentError::Timeout(_) | InstrumentError::Garbled { .. })) {
             self.owed.store(true, Ordering::SeqCst);
         }
         received
     }
+}
+
+/// One instrument's place on a line, which others may share.
+pub struct Party {
+    line: Arc<Line>,
+    /// How often the line was opened when the instrument was last set up.
+    seen: AtomicU64,
+}
+
+impl Party {
+    /// A place of its own on a line.
+    #[must_use]
+    pub const fn new(line: Arc<Line>) -> Self {
+        Self { line, seen: AtomicU64::new(0) }
+    }
+
+    /// Waits for its turn, and sees that the line is open and that no answer of before comes in
+    /// between: after one that did not come in time it waits until the line is quiet. Where the line
+    /// was opened since, [`Talk::is_new`] says so, until [`Talk::is_set_up`].
+    ///
+    /// # Errors
+    /// As [`Transport::open`].
+    pub async fn talk(&self) -> Result<Talk<'_>, InstrumentError> {
+        let line = &*self.line;
+        let turn = line.turn.lock().await;
+        let opened = line.transport.open(line.deadline.max(CONNECT)).await?;
+        if line.owed.load(Ordering::SeqCst) {
+            line.transport.discard(line.deadline * 2).await?;
+            // Not before: whoever waits here may be given up as well.
+            line.owed.store(false, Ordering::SeqCst);
+        }
+        Ok(Talk { line, opened, seen: &self.seen, midway: false, _turn: turn })
+    }
 
     /// From a drop or a panic: see [`Transport::send_without_waiting`].
     pub fn send_without_waiting(&self, bytes: &[u8]) {
-        self.transport.send_without_waiting(bytes);
+        self.line.transport.send_without_waiting(bytes);
     }
 }
 

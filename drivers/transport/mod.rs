@@ -12,7 +12,7 @@ mod record;
 mod wire;
 
 pub use address::{Address, AddressError};
-pub use line::{Line, Talk};
+pub use line::{Line, Party, Talk};
 pub use port::{FlowControl, Parity, PortSettings};
 pub use ports::{AttachedPort, attached_ports};
 pub use record::{Direction, Recorder, Replay, Said};

@@ -1,7 +1,7 @@
 //! A Zaber stage.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -10,7 +10,7 @@ use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity
 
 use super::protocol::{self, Message, Reply};
 use crate::registry::{Connected, Role, Setting};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
 const POLL: Duration = Duration::from_millis(50);
@@ -21,8 +21,7 @@ const SPEED: f64 = 1.6384;
 
 /// A stage on a Zaber chain.
 pub struct Zaber {
-    line: Arc<Line>,
-    seen: AtomicU64,
+    line: Party,
     next_id: AtomicU8,
     clock: Arc<dyn Clock>,
     device: u32,
@@ -44,7 +43,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     }
     Ok(Connected::Axis(Arc::new(Zaber {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         next_id: AtomicU8::new(0),
         device: setting.options.whole("device", 1, 99)?,
         axis: setting.options.whole("axis", 1, 9)?,
@@ -60,7 +58,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
 impl Zaber {
     /// One command and its reply.
     async fn ask(&self, words: &str) -> Result<Reply, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             let speed = (self.speed * self.steps_per_unit * SPEED).round();
             self.exchange(&mut talk, self.axis, &format!("set maxspeed {speed}")).await?;
@@ -132,7 +130,7 @@ impl Zaber {
 impl Instrument for Zaber {
     async fn identify(&self) -> Result<Identity, InstrumentError> {
         let get = async |words: &str| {
-            let mut talk = self.line.talk(&self.seen).await?;
+            let mut talk = self.line.talk().await?;
             self.exchange(&mut talk, 0, words).await.map(|reply| reply.data)
         };
         let model = get("get deviceid").await?;

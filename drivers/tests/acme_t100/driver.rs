@@ -1,19 +1,16 @@
 //! A channel of an Acme T100.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
 
 use async_trait::async_trait;
 use beampose_core::{Clock, Identity, Instrument, InstrumentError, Quantity, Reading, Sensor};
 
 use super::protocol::{self, Answer};
-use crate::transport::{Line, Talk};
+use crate::transport::{Party, Talk};
 use crate::{Connected, Role, Setting};
 
 struct Thermometer {
-    line: Arc<Line>,
-    /// How often the line was opened when the instrument was last set up.
-    seen: AtomicU64,
+    line: Party,
     clock: Arc<dyn Clock>,
     channel: u32,
     u: Option<f64>,
@@ -28,7 +25,6 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     };
     Ok(Connected::Sensor(Arc::new(Thermometer {
         line: setting.line()?,
-        seen: AtomicU64::new(0),
         channel: setting.options.whole("channel", 1, 4)?,
         u,
         simulated: setting.simulated,
@@ -39,7 +35,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
 impl Thermometer {
     /// One question and its answer, on an instrument that is set up.
     async fn ask(&self, words: &str) -> Result<Answer, InstrumentError> {
-        let mut talk = self.line.talk(&self.seen).await?;
+        let mut talk = self.line.talk().await?;
         if talk.is_new() {
             // The first time, and again after the cable was out: it may be another instrument, or
             // one that was switched off meanwhile.
