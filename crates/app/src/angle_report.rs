@@ -9,17 +9,17 @@ use beampose_analysis::{
     BeamAngleLimits, BeamAngles, BeamAnglesInput, InputFile, beam_angles, fan_html, fan_json,
 };
 use beampose_core::{InstrumentName, Look, Reading, SessionId, StepNumber, StepOutcome};
-use beampose_photogrammetry::Order;
 use beampose_photogrammetry::calibrate::pattern::{
     BudgetSizes, FanOptions, MeasuredAngle, StageAxis, StageGeometry, write_fan_angles,
     write_measured,
 };
 use beampose_photogrammetry::pattern::write_pattern;
+use beampose_photogrammetry::{Order, wavelength};
 use beampose_plan::rig::Goniometer;
 use beampose_plan::{Accept, Action, Analyse, Plan, Rig, Step, expand, read_rig};
 use beampose_store::{Store, StoredReading, StoredStep};
 
-use crate::calibration::{WAVELENGTH_U_NM, wavelength_u_nm};
+use crate::calibration::wavelength_u_nm;
 use crate::pipeline::SOFTWARE;
 
 /// Looks nearer to the pixel than this tell together where the dot is, pixels: as when closing in.
@@ -148,7 +148,7 @@ impl Angles {
         let u_stage = SQRT_2 * encoder.to_radians();
         // Unread, it is anywhere in what a diode drifts by.
         let u_wavelength_nm = if wavelength_is_read {
-            wavelength_u_nm(&self.rig).unwrap_or(WAVELENGTH_U_NM)
+            wavelength_u_nm(&self.rig).unwrap_or(wavelength::UNSTATED_U_NM)
         } else {
             FanOptions::default().u_wavelength_nm
         };

@@ -5,20 +5,15 @@ use std::path::Path;
 
 use beampose_core::{InstrumentName, Quantity, UsedFile};
 use beampose_photogrammetry::camera::read_camera_info;
-use beampose_photogrammetry::pattern::read_pattern_with;
+use beampose_photogrammetry::pattern::{read_pattern_with, read_table};
 use beampose_photogrammetry::{
     Artefact, ArtefactTarget, CalibratedCamera, InteriorSigma, ModulePrior, Pattern, Setup,
-    TieTargets, WavelengthByTemperature,
+    TieTargets, WavelengthByTemperature, wavelength,
 };
 use beampose_plan::Rig;
 use beampose_plan::rig::instruments::Camera;
 
-use crate::exchange::beams;
 use crate::input::referred;
-
-/// Standard uncertainty of a wavelength reading where the rig declares none, nanometres: what a
-/// simple wavelength meter has.
-pub const WAVELENGTH_U_NM: f64 = 0.1;
 
 /// What solving is told, and the files that it was read from.
 #[derive(Debug, Clone)]
@@ -45,15 +40,9 @@ pub fn setup(rig: &Rig, folder: &Path) -> Result<MeasuredWith, String> {
     Ok(MeasuredWith { setup: measurement(rig, pattern, cameras), files })
 }
 
-/// A file that was used, by what was read of it; without a camera it is the pattern.
-pub fn used(camera: Option<&InstrumentName>, file: &str, text: &str) -> UsedFile {
-    let blake3 = blake3::hash(text.as_bytes()).to_hex().to_string();
-    UsedFile { camera: camera.cloned(), file: file.to_owned(), blake3 }
-}
-
 fn measurement(rig: &Rig, pattern: Pattern, cameras: BTreeMap<String, CalibratedCamera>) -> Setup {
     let m = &rig.measurement;
-    let wavelength_u_nm = wavelength_u_nm(rig).unwrap_or(WAVELENGTH_U_NM);
+    let wavelength_u_nm = wavelength_u_nm(rig).unwrap_or(wavelength::UNSTATED_U_NM);
     let artefact = m.artefact.as_ref();
     let artefact = Artefact {
         targets: artefact
@@ -111,10 +100,10 @@ fn pattern(file: &str, folder: &Path) -> Result<(Pattern, UsedFile), String> {
     let path = folder.join(file);
     let beside = path.parent().unwrap_or(folder);
     let table =
-        |file: &str, size| beams::parse(file, &referred(beside, file, "table of beams")?, size);
+        |file: &str, size| read_table(file, &referred(beside, file, "table of beams")?, size);
     let read = read_pattern_with(&text, table);
     let read = read.map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok((read, used(None, file, &text)))
+    Ok((read, UsedFile::of(None, file, &text)))
 }
 
 /// The fan of the simulated module, where it is not the one that solving is told; for the simulated
@@ -144,5 +133,5 @@ fn calibrated(
             principal_point_px: u.principal_point.map(|p| p.0 / camera.pixel_pitch.0),
         },
     );
-    Ok((CalibratedCamera { model, sigma }, used(Some(name), file, &text)))
+    Ok((CalibratedCamera { model, sigma }, UsedFile::of(Some(name), file, &text)))
 }

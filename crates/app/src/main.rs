@@ -10,7 +10,6 @@ mod cli;
 mod conduct;
 mod drift_report;
 mod estimating;
-mod exchange;
 mod file_lock;
 mod input;
 mod interruptions;

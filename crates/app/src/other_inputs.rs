@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 
 use beampose_core::{InstrumentName, UsedFile};
 use beampose_photogrammetry::camera::{Camera, read_camera_info};
-use beampose_photogrammetry::pattern::{Pattern, read_pattern_with};
+use beampose_photogrammetry::pattern::{Pattern, read_pattern_with, read_table};
 use beampose_plan::read_rig;
 
-use crate::calibration::{self, MeasuredWith, used};
-use crate::exchange::beams;
+use crate::calibration::{self, MeasuredWith};
 use crate::input::referred;
 
 /// What the command line names.
@@ -70,7 +69,7 @@ impl OtherInputs {
             let model =
                 read_camera_info(&text).map_err(|error| format!("{}: {error}", file.display()))?;
             let camera = InstrumentName(camera.clone());
-            cameras.push((used(Some(&camera), &named(file), &text), file.clone(), model));
+            cameras.push((UsedFile::of(Some(&camera), &named(file), &text), file.clone(), model));
         }
         Ok(Inputs {
             cameras,
@@ -102,10 +101,10 @@ fn used_pattern(file: &Path) -> Result<(Pattern, UsedFile), String> {
     let beside = file.parent().unwrap_or(Path::new(""));
     let text = text(file, "pattern")?;
     let read = read_pattern_with(&text, |table, size| {
-        beams::parse(table, &referred(beside, table, "table of beams")?, size)
+        read_table(table, &referred(beside, table, "table of beams")?, size)
     });
     let read = read.map_err(|error| format!("{}: {error}", file.display()))?;
-    Ok((read, used(None, &named(file), &text)))
+    Ok((read, UsedFile::of(None, &named(file), &text)))
 }
 
 /// A file without its folder, which means nothing on another machine.

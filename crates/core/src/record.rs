@@ -300,6 +300,15 @@ pub struct UsedFile {
     pub blake3: String,
 }
 
+impl UsedFile {
+    /// A file by what was read of it.
+    #[must_use]
+    pub fn of(camera: Option<&InstrumentName>, file: &str, text: &str) -> Self {
+        let blake3 = blake3::hash(text.as_bytes()).to_hex().to_string();
+        Self { camera: camera.cloned(), file: file.to_owned(), blake3 }
+    }
+}
+
 /// What is known of a session before its first step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionHeader {

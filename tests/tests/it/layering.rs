@@ -14,6 +14,10 @@ const EDGES: &[(&str, &[&str])] = &[
     ("beampose-engine", &["beampose-core", "beampose-plan"]),
     ("beampose-virtual-lab", &["beampose-core", "beampose-photogrammetry"]),
     ("beampose-analysis", &["beampose-core", "beampose-photogrammetry"]),
+    (
+        "beampose-exchange",
+        &["beampose-core", "beampose-photogrammetry", "beampose-plan", "beampose-store"],
+    ),
 ];
 
 /// Crates above all rooms: nobody uses them.

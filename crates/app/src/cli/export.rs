@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use super::{Database, Ended, close, find};
-use crate::exchange;
 use crate::output::{Exit, complain, print};
 
 /// Write a stored session as a folder that other programs read
@@ -32,8 +31,8 @@ impl Export {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let store = self.database.open_existing().await?;
         let id = find(&store, &self.session).await?;
-        exchange::prepare(&self.folder, self.force).map_err(Ended::input)?;
-        let exported = exchange::export(&store, id, &self.folder).await;
+        beampose_exchange::prepare(&self.folder, self.force).map_err(Ended::input)?;
+        let exported = beampose_exchange::export(&store, id, &self.folder).await;
         close(store).await;
         let exported = exported?;
         for what in &exported.left_out {

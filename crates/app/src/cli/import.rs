@@ -7,10 +7,10 @@ use beampose_core::{
     SessionHeader, SessionId, SessionOutcome, StepNumber, StepOutcome, StepRecord,
 };
 use beampose_engine::RealClock;
+use beampose_exchange::{Folder, ForeignCapture, ForeignSession, picture_kind};
 use beampose_store::Store;
 
 use super::{Database, Ended, close};
-use crate::exchange::{self, Folder, ForeignCapture, ForeignSession, picture_kind};
 use crate::output::{Exit, complain, print};
 use crate::pipeline::SOFTWARE;
 
@@ -45,7 +45,8 @@ pub struct Import {
 impl Import {
     pub async fn execute(self) -> Result<Exit, Ended> {
         let folder = Folder::open(&self.folder).map_err(Ended::input)?;
-        let foreign = exchange::read(&folder).map_err(|faults| Ended::input(faults.to_string()))?;
+        let foreign =
+            beampose_exchange::read(&folder).map_err(|faults| Ended::input(faults.to_string()))?;
         let store = self.database.open().await?;
         let kept = keep(&store, &folder, &foreign).await;
         close(store).await;

@@ -6,9 +6,11 @@
 
 mod angles;
 mod file;
+mod table;
 
 pub use angles::{AnglePair, angle_between, neighbour_pairs};
 pub use file::{PatternFileError, read_pattern, read_pattern_with, write_pattern};
+pub use table::read_table;
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};

@@ -17,6 +17,10 @@ use crate::scene::Setup;
 /// Relative uncertainty of the wavelength where nothing read it: a diode's 0.4 nm of 658 nm.
 pub const UNREAD: f64 = 6e-4;
 
+/// Standard uncertainty of a reading whose meter states none, nanometres: what a simple wavelength
+/// meter has.
+pub const UNSTATED_U_NM: f64 = 0.1;
+
 /// Whence a wavelength is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
