@@ -346,7 +346,7 @@ async fn stored(
     for capture in store.captures(session).await? {
         if there.contains(&capture.id) {
             let (solution, seconds) = solution_of(&store.solution(id, &capture.id).await?)?;
-            all.push(Solved { capture: capture.id, solution, seconds });
+            all.push(Solved { capture: capture.id, solution, damaged: Vec::new(), seconds });
         }
     }
     Ok(all)

@@ -212,7 +212,7 @@ impl Session {
         progress.finish();
         // The run's own failure is said first: the others may follow from it.
         let summary = ended?;
-        solved?;
+        let damaged = solved?;
         recorded?;
         if plan.methods.contains(&beampose_plan::Method::SessionAdjustment)
             && let Err(error) = adjust_session(&store, session).await
@@ -223,7 +223,12 @@ impl Session {
         for failure in &summary.failures {
             complain(&format!("{}: {}", failure.doing, failure.reason));
         }
-        let ending = Ending { session, outcome: summary.outcome, captures: summary.captures };
+        for picture in &damaged {
+            complain(&format!("beampose: damaged in the database: {picture}"));
+        }
+        let is_sound = damaged.is_empty();
+        let (outcome, captures) = (summary.outcome, summary.captures);
+        let ending = Ending { session, outcome, captures, is_sound };
         let exit = conclude(&store, ending, &folder, shown).await?;
         close(store).await;
         Ok(exit)
@@ -239,7 +244,7 @@ impl Session {
     ) -> Result<RunSummary, EngineError> {
         let clock = self.laboratory.run_clock();
         let sink: &dyn RunSink = &**store;
-        let faulty = self.laboratory.faulty_sink(sink);
+        let faulty = self.laboratory.faulty_sink(store);
         let around = Surroundings {
             bench: &self.laboratory.bench,
             sink: faulty.as_ref().map_or(sink, |faulty| faulty),
@@ -282,7 +287,11 @@ pub async fn finish(
     if methods.contains(&Method::SessionAdjustment) {
         adjust_session(&store, session).await?;
     }
-    let ending = Ending { session, outcome, captures: solved.len() };
+    for picture in solved.iter().flat_map(|one| &one.damaged) {
+        complain(&format!("beampose: damaged in the database: {picture}"));
+    }
+    let is_sound = solved.iter().all(|one| one.damaged.is_empty());
+    let ending = Ending { session, outcome, captures: solved.len(), is_sound };
     let exit = conclude(&store, ending, &folder, shown).await?;
     close(store).await;
     Ok(exit)
@@ -294,6 +303,8 @@ struct Ending {
     session: SessionId,
     outcome: SessionOutcome,
     captures: usize,
+    /// All pictures were read back as they were stored.
+    is_sound: bool,
 }
 
 /// Analysis, report, last words.
@@ -341,6 +352,7 @@ async fn conclude(
         print(&format!("report   {}", written.html.display()));
     }
     Ok(match ending.outcome {
+        SessionOutcome::Completed if !ending.is_sound => Exit::Failed,
         SessionOutcome::Completed => exit_of(input.verdict),
         SessionOutcome::Stopped | SessionOutcome::Aborted | SessionOutcome::Halted => Exit::Aborted,
         SessionOutcome::Error => Exit::Failed,
@@ -348,7 +360,8 @@ async fn conclude(
 }
 
 /// Solves captures as they are stored. They are read back from the store, so that memory does not
-/// grow when the run is faster than the solver.
+/// grow when the run is faster than the solver, and that a picture which the disk damaged is known
+/// at once; those are returned.
 async fn solve_captures(
     store: Arc<Store>,
     session: SessionId,
@@ -356,8 +369,9 @@ async fn solve_captures(
     methods: Vec<Method>,
     mut captured: UnboundedReceiver<CaptureId>,
     progress: Progress,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Vec<String>> {
     let mut pipeline: Option<Pipeline> = None;
+    let mut damaged = Vec::new();
     while let Some(id) = captured.recv().await {
         let pipeline = match &mut pipeline {
             Some(pipeline) => pipeline,
@@ -367,14 +381,17 @@ async fn solve_captures(
         let stored = store.captures(session).await?;
         let capture: Option<&StoredCapture> = stored.iter().find(|c| c.id == id);
         if let Some(capture) = capture {
-            progress.solved(&pipeline.solve(capture).await?);
+            let solved = pipeline.solve(capture).await?;
+            progress.solved(&solved);
+            damaged.extend(solved.damaged);
         }
     }
     // A session without captures has a processing all the same: the report says what there is.
     match pipeline {
-        Some(pipeline) => pipeline.finish().await,
-        None => Pipeline::begin(store, session, setup, &methods).await?.finish().await,
+        Some(pipeline) => pipeline.finish().await?,
+        None => Pipeline::begin(store, session, setup, &methods).await?.finish().await?,
     }
+    Ok(damaged)
 }
 
 fn last_words(ending: Ending, input: &ReportInput) -> String {

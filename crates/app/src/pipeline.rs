@@ -49,6 +49,8 @@ pub struct Solved {
     pub capture: CaptureId,
     /// What came out.
     pub solution: CaptureSolution,
+    /// Pictures that the store gave back damaged, with how. They were left out.
+    pub damaged: Vec<String>,
     /// Where the time went.
     pub seconds: StageSeconds,
 }
@@ -146,8 +148,8 @@ impl Pipeline {
         let (solved, row) = tokio::task::spawn_blocking(move || {
             let (mut solution, seconds) =
                 solve_pictures(&setup, &files, &wavelength, &told.methods);
-            solution.notes.append(&mut unread);
-            let solved = Solved { capture: id, solution, seconds };
+            solution.notes.extend_from_slice(&unread);
+            let solved = Solved { capture: id, solution, damaged: unread, seconds };
             let row = row(&solved);
             (solved, row)
         })
@@ -301,7 +303,7 @@ fn with_joint(loaded: &Loaded, joint: SessionSolution, share: f64) -> Vec<Solved
             ambiguous: alike.is_some_and(|r| r.ambiguous),
         });
         let seconds = StageSeconds { adjust: capture.seconds.adjust + share, ..capture.seconds };
-        all.push(Solved { capture: capture.id.clone(), solution, seconds });
+        all.push(Solved { capture: capture.id.clone(), solution, damaged: Vec::new(), seconds });
     }
     all
 }

@@ -26,6 +26,7 @@ mod remove;
 pub mod rows;
 mod sessions;
 mod sink;
+mod spoil;
 mod stamp;
 mod tables;
 #[cfg(test)]

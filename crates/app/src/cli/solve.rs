@@ -140,6 +140,9 @@ impl Solve {
     /// Prints what came out of one session.
     fn tell(&self, id: SessionId, processing: i64, mut solved: Vec<Solved>, methods: &[Method]) {
         for one in &mut solved {
+            for picture in &one.damaged {
+                complain(&format!("damaged in the database: {picture}"));
+            }
             one.solution.results.retain(|r| methods.contains(&r.method));
         }
         let mut unsolved = 0;

@@ -5,14 +5,16 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 use std::time::Duration;
 
-use beampose_core::{Clock, InstrumentName, RunSink};
+use async_trait::async_trait;
+use beampose_core::{Clock, InstrumentName, SessionId, SinkError, StepNumber};
 use beampose_drivers::sim::Fault as OfBytes;
 use beampose_engine::Bench;
 use beampose_plan::rig::{FaultKind as Declared, SimulatedFault};
 use beampose_plan::{Instrument, Rig};
+use beampose_store::Store;
 use beampose_virtual_lab::faults::{
     Fault, FaultKind, Faults, FaultyAxis, FaultyCamera, FaultyClock, FaultyLaser, FaultySensor,
-    FaultySink,
+    FaultySink, Spoil,
 };
 
 use super::{Laboratory, Wires};
@@ -97,6 +99,7 @@ const fn kind(declared: Declared) -> FaultKind {
         Declared::WavelengthHop => FaultKind::WavelengthHop,
         Declared::DiskFull => FaultKind::DiskFull,
         Declared::DatabaseBusy => FaultKind::DatabaseBusy,
+        Declared::CorruptBlob => FaultKind::CorruptBlob,
         Declared::ClockJump => FaultKind::ClockJump,
     }
 }
@@ -112,8 +115,19 @@ impl Laboratory {
     }
 
     /// What goes wrong when the run stores, if anything is to.
-    pub fn faulty_sink<'a>(&self, store: &'a dyn RunSink) -> Option<FaultySink<'a>> {
-        Some(FaultySink::new(store, self.faults.clone()?))
+    pub fn faulty_sink<'a>(&self, store: &'a Store) -> Option<FaultySink<'a>> {
+        Some(FaultySink::new(store, Disk(store), self.faults.clone()?))
+    }
+}
+
+/// The disk that the store is on.
+struct Disk<'a>(&'a Store);
+
+#[async_trait]
+impl Spoil for Disk<'_> {
+    async fn spoil(&self, session: SessionId, step: StepNumber) -> Result<(), SinkError> {
+        let spoiled = self.0.spoil_picture(session, step).await;
+        spoiled.map_err(|e| SinkError { what: format!("step {step}"), reason: e.to_string() })
     }
 }
 

@@ -85,6 +85,8 @@ words! {
         "disk_full" => DiskFull,
         /// Another program holds the database.
         "database_busy" => DatabaseBusy,
+        /// A stored picture changes on the disk, once its step is stored.
+        "corrupt_blob" => CorruptBlob,
         /// The wall clock jumps by an hour.
         "clock_jump" => ClockJump,
     }

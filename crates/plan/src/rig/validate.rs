@@ -311,7 +311,7 @@ fn can_have(role: &str, kind: FaultKind) -> bool {
         | FaultKind::CameraHangs => role == "camera",
         FaultKind::InterlockTrip => role == "laser",
         FaultKind::WavelengthHop => role == "sensor",
-        FaultKind::DiskFull | FaultKind::DatabaseBusy => role == "store",
+        FaultKind::DiskFull | FaultKind::DatabaseBusy | FaultKind::CorruptBlob => role == "store",
         FaultKind::ClockJump => role == "clock",
     }
 }

@@ -19,7 +19,7 @@ use rand::RngExt as _;
 
 pub use self::clock::FaultyClock;
 pub use self::instruments::{FaultyAxis, FaultyCamera, FaultyLaser, FaultySensor};
-pub use self::sink::FaultySink;
+pub use self::sink::{FaultySink, Spoil};
 use crate::streams::{Purpose, Streams};
 
 /// How late a late answer is.
@@ -62,6 +62,8 @@ pub enum FaultKind {
     DiskFull,
     /// Another program holds the database.
     DatabaseBusy,
+    /// A stored picture changes on the disk, once its step is stored.
+    CorruptBlob,
     /// The wall clock jumps by an hour.
     ClockJump,
 }
