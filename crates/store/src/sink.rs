@@ -216,10 +216,12 @@ impl Rows<'_> {
     fn reading(&mut self, step: StepNumber, instrument: &InstrumentName, reading: &Reading) {
         self.batch
             .statement(
-                "INSERT INTO readings (session, step, instrument, quantity, value,
+                "INSERT INTO readings (session, id, step, instrument, quantity, value,
                     standard_uncertainty, at_utc, at_s)
-                 VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                 VALUES (?, 1 + (SELECT coalesce(max(id), 0) FROM readings WHERE session = ?),
+                    ?, ?, ?, ?, ?, ?, ?)",
             )
+            .bind(self.session.as_str())
             .bind(self.session.as_str())
             .bind(step.0)
             .bind(instrument.as_str())

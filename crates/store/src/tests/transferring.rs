@@ -329,13 +329,21 @@ async fn a_file_of_an_older_schema_comes_in_as_well() {
             ),
             format!("INSERT INTO blobs (blake3, bytes) VALUES ('{hash}', CAST('wall' AS BLOB))"),
             format!("INSERT INTO pictures VALUES ('{id}', 'p000', 'cam_a', '{hash}', 4, {times})"),
+            format!(
+                "INSERT INTO readings (id, session, step, instrument, quantity, value, at_utc, at_s)
+                 VALUES (7, '{id}', 1, 'wavemeter', 'wavelength', 658.1, '2026-03-01T08:00:00Z', 1.5),
+                    (8, '{id}', 1, 'thermometer', 'temperature', 24.5, '2026-03-01T08:00:00Z', 1.6)"
+            ),
         ] {
             sqlx::query(AssertSqlSafe(statement)).execute(&mut old).await.unwrap();
         }
         old.close().await.unwrap();
         let there = fresh().await;
         let read = there.store.import_session(&file).await.unwrap();
-        assert_eq!((read.session, read.rows, read.pictures), (id, 4, 1), "schema {version}");
+        assert_eq!((read.session, read.rows, read.pictures), (id, 6, 1), "schema {version}");
+        let readings = there.store.readings(id).await.unwrap();
+        let values: Vec<f64> = readings.iter().map(|stored| stored.reading.value).collect();
+        assert_eq!(values, [658.1, 24.5], "schema {version}");
         assert_eq!(there.store.verify(id).await.unwrap().problems, Vec::<String>::new());
     }
 }
