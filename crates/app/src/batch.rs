@@ -21,10 +21,10 @@ use futures::StreamExt as _;
 use tokio::sync::Semaphore;
 
 use crate::calibration::MeasuredWith;
+use crate::loaded::load_processing;
 use crate::pipeline::{Pipeline, Solved, Told, adjusted, described, of_captures, solution_of};
 use crate::progress::Progress;
 use crate::session_lock::SessionLock;
-use crate::session_report::load_processing;
 
 /// Solving one session.
 pub struct Job {

@@ -14,6 +14,7 @@ mod file_lock;
 mod input;
 mod interruptions;
 mod journal_notes;
+mod loaded;
 mod log;
 mod notify;
 mod operator;

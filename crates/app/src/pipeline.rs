@@ -16,7 +16,7 @@ use beampose_photogrammetry::{
 };
 use beampose_store::{NewProcessing, PoseRow, ProcessingId, SolutionRow, Store, StoredCapture};
 
-use crate::session_report::Loaded;
+use crate::loaded::Loaded;
 use crate::wavelengths::Readings;
 
 /// The program's version, as stored with what it makes.
@@ -236,7 +236,7 @@ fn read(setup: &Setup, camera: &str, bytes: &[u8]) -> Result<GrayImage, String> 
 /// # Errors
 /// When the session cannot be adjusted as a whole, or the store fails.
 pub async fn adjust_session(store: &Arc<Store>, id: SessionId) -> anyhow::Result<Vec<Solved>> {
-    let loaded = crate::session_report::load(store, id).await?;
+    let loaded = crate::loaded::load(store, id).await?;
     let mut methods = loaded.methods();
     methods.retain(|method| *method != Method::SessionAdjustment);
     methods.push(Method::SessionAdjustment);
@@ -270,7 +270,7 @@ pub async fn adjusted(mut loaded: Loaded, using: WavelengthUse) -> anyhow::Resul
     let id = loaded.session.header.id;
     tokio::task::spawn_blocking(move || {
         let before = Instant::now();
-        let joint = crate::session_report::adjust_together(&loaded.setup, &loaded.captures)
+        let joint = crate::loaded::adjust_together(&loaded.setup, &loaded.captures)
             .map_err(|reason| anyhow::anyhow!("session {id}: {reason}"))?;
         let share = before.elapsed().as_secs_f64() / loaded.captures.len().max(1) as f64;
         let solved = with_joint(&loaded, joint, share);

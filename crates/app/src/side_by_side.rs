@@ -8,7 +8,7 @@ use beampose_photogrammetry::solve::Method;
 use beampose_photogrammetry::{Pattern, PatternModel, Setup};
 use beampose_store::{PoseRow, Processing, ProcessingId, Store};
 
-use crate::session_report::{Loaded, load_processing};
+use crate::loaded::{Loaded, load_processing};
 
 /// At most so many lines are drawn where nobody says which.
 const MOST: usize = 12;

@@ -13,10 +13,10 @@ use beampose_store::{Store, StoredSession, StoredStep};
 use super::{Database, Ended, close, find};
 use crate::conduct::{self, Session, Shown};
 use crate::input::{Checked, Origin, checked};
+use crate::loaded::method_of;
 use crate::output::{Exit, complain};
 use crate::pipeline::SOFTWARE;
 use crate::session_lock::SessionLock;
-use crate::session_report::method_of;
 use crate::wiring::{self, Before, Recorder};
 
 /// Go on with a session that was stopped or died

@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use super::sessions::plain_table;
 use super::{Database, Ended, close, find};
+use crate::loaded::load;
 use crate::other_inputs::pattern;
 use crate::output::{Exit, print};
-use crate::session_report::load;
 
 /// Compare a simulated session with its truth
 ///

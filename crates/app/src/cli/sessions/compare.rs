@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 
 use super::{outcome, plain_table, right};
 use crate::cli::{Database, Ended, close, find};
+use crate::loaded::{Analysed, Loaded, load, load_processing};
 use crate::output::{Exit, print};
-use crate::session_report::{Analysed, Loaded, load, load_processing};
 
 /// Compare two sessions, or two processings of one
 ///

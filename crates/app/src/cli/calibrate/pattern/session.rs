@@ -14,9 +14,9 @@ use super::super::camera::is_file_name;
 use super::told::parameter;
 use super::{Ended, Pattern, put};
 use crate::calibration_record::{of_photographs, session, told};
+use crate::loaded::{load, solved_captures};
 use crate::output::{Exit, print};
 use crate::pipeline::SOFTWARE;
-use crate::session_report::{load, solved_captures};
 
 impl Pattern {
     /// Calibrates from sessions.
