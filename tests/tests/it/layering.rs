@@ -145,6 +145,7 @@ const NAMED_ONLY_IN: &[(&str, &[&str])] = &[
             "crates/app/src/wiring/parts.rs",
             "crates/app/src/wiring/person.rs",
             "crates/app/src/wiring/wires.rs",
+            "crates/app/src/wiring/world.rs",
             "crates/app/src/truth.rs",
         ],
     ),
