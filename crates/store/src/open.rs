@@ -53,7 +53,9 @@ impl Store {
             .filename(path)
             .create_if_missing(true)
             .busy_timeout(BUSY_TIMEOUT)
-            .foreign_keys(true);
+            .foreign_keys(true)
+            // How long a statement took on a slow disk is no warning that anybody can heed.
+            .disable_statement_logging();
         let mut first = connect(&options).await.map_err(|error| cannot(path, &error))?;
         let prepared = prepare(path, &mut first, fresh).await;
         // The error of preparing says more than the one of closing would.
