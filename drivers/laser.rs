@@ -18,6 +18,7 @@
 //! No software is an interlock: this one reads and reports it. Nothing here runs by itself: who has
 //! a laser on must ask for its emission or contact twice a second.
 
+pub(crate) mod diode;
 mod guarded;
 
 use std::time::Duration;

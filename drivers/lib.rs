@@ -9,6 +9,7 @@
 
 pub mod arroyo;
 mod aside;
+mod axis;
 pub mod bristol;
 pub mod conformance;
 pub mod folder_camera;
@@ -19,7 +20,6 @@ pub mod lake_shore;
 pub mod laser;
 pub mod newport_smc;
 mod options;
-mod readout;
 mod registry;
 pub mod sim;
 pub mod srs_ldc500;

@@ -113,6 +113,19 @@ impl Options {
         text.parse().map_err(wrong)
     }
 
+    /// An option that is a number above zero.
+    ///
+    /// # Errors
+    /// [`InstrumentError::Refused`] where it is not.
+    pub fn positive(&self, name: &str) -> Result<f64, InstrumentError> {
+        let number = self.number(name)?;
+        if number > 0.0 {
+            return Ok(number);
+        }
+        let why = format!("option {name} must be above zero, found {number}");
+        Err(InstrumentError::Refused(why))
+    }
+
     /// An option that is a whole number from `low` to `high`.
     ///
     /// # Errors

@@ -7,6 +7,7 @@ use async_trait::async_trait;
 use beampose_core::{Clock, Identity, InstrumentError};
 
 use super::protocol;
+use crate::laser::diode::{CONTROL_IS_OFF, LIMIT_CURRENT, Tolerance};
 use crate::laser::{GuardedLaser, LaserDevice, SHORTEST_DELAY};
 use crate::registry::{Connected, Role, Setting};
 use crate::transport::{Party, Talk};
@@ -101,8 +102,8 @@ fn garbled(talk: &Talk<'_>, words: &str, found: &str) -> InstrumentError {
 /// A laser diode on an Arroyo controller.
 pub struct Arroyo {
     interface: Interface,
-    /// How far its temperature may be off, K; `None` without temperature control.
-    tolerance: Option<f64>,
+    /// `None` without temperature control.
+    tolerance: Option<Tolerance>,
     delay_ms: u32,
 }
 
@@ -110,18 +111,11 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     let Role::Laser { emission_delay, .. } = setting.role else {
         return Err(InstrumentError::Refused(format!("{} is no laser", setting.name)));
     };
-    let limit = setting.options.number("limit_current")?;
-    let tolerance = setting.options.number("temperature_tolerance")?;
-    if tolerance <= 0.0 {
-        return Err(InstrumentError::Refused(
-            "temperature_tolerance must be above zero".to_owned(),
-        ));
-    }
-    let controlled = setting.options.switch("temperature_control")?;
+    let limit = setting.options.positive(LIMIT_CURRENT.name)?;
     let delay = emission_delay.max(SHORTEST_DELAY).as_millis();
     let device = Arroyo {
         interface: Interface::new(&setting)?,
-        tolerance: controlled.then_some(tolerance),
+        tolerance: Tolerance::of(&setting.options)?,
         // What is longer than the device can wait, the rules wait before it.
         delay_ms: delay.min(u128::from(protocol::LONGEST_DELAY_MS)) as u32,
     };
@@ -212,21 +206,14 @@ impl LaserDevice for Arroyo {
     async fn not_ready(&self) -> Result<Option<String>, InstrumentError> {
         let Some(tolerance) = self.tolerance else { return Ok(None) };
         if !self.interface.ask("TEC:OUT?", protocol::switch).await? {
-            let why = "its temperature control is off; switch it on and let it settle";
-            return Ok(Some(why.to_owned()));
+            return Ok(Some(CONTROL_IS_OFF.to_owned()));
         }
         let set = self.interface.ask("TEC:SET:T?", protocol::number).await?;
         let read = self.interface.ask("TEC:T?", protocol::number).await?;
         if self.interface.ask("TEC:COND?", protocol::whole).await? & protocol::NO_SENSOR != 0 {
             return Ok(Some("its temperature sensor is open or shorted".to_owned()));
         }
-        let is_near = (set - read).abs() <= tolerance;
-        Ok((!is_near).then(|| {
-            format!(
-                "its diode has {read} degC, more than {tolerance} K from its set point of {set} \
-                 degC"
-            )
-        }))
+        Ok(tolerance.objection(set, read))
     }
 
     fn off_without_waiting(&self) {

@@ -21,7 +21,8 @@ pub use sim::ComboSource;
 
 use beampose_core::Quantity;
 
-use crate::options::{OptionSpec, Value};
+use crate::laser::diode::{LIMIT_CURRENT, TEMPERATURE_CONTROL, TEMPERATURE_TOLERANCE};
+use crate::options::OptionSpec;
 use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
@@ -29,6 +30,12 @@ const INSTRUMENTS: &str = "Arroyo Instruments 4300 and 6300 series";
 const VERIFIED: &str = "written from the manual, never met a device";
 /// No flow control: with it the box never answers (manual, "Interface Settings").
 const PORT: PortSettings = PortSettings::at(38_400);
+
+const HELD: OptionSpec = OptionSpec {
+    about: "whether the controller holds the diode's temperature (a 4300 cannot); without it light \
+            is given at any temperature",
+    ..TEMPERATURE_CONTROL
+};
 
 /// The current source.
 pub const LASER: Driver = Driver {
@@ -39,27 +46,7 @@ pub const LASER: Driver = Driver {
     moved: Moved::ByMotor,
     reads: None,
     port: Some(PORT),
-    options: &[
-        OptionSpec {
-            name: "limit_current",
-            about: "the most that the diode may ever get, in mA: programmed as the hardware limit",
-            default: None,
-            example: Value::Number(120.0),
-        },
-        OptionSpec {
-            name: "temperature_control",
-            about: "whether the controller holds the diode's temperature (a 4300 cannot); without \
-                    it light is given at any temperature",
-            default: Some(Value::Switch(true)),
-            example: Value::Switch(true),
-        },
-        OptionSpec {
-            name: "temperature_tolerance",
-            about: "how far from its set point the diode's temperature may be for light, in K",
-            default: Some(Value::Number(0.5)),
-            example: Value::Number(0.5),
-        },
-    ],
+    options: &[LIMIT_CURRENT, HELD, TEMPERATURE_TOLERANCE],
     connect: driver::connect,
     simulator: Simulator::Device(sim::simulate),
 };

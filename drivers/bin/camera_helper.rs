@@ -11,10 +11,11 @@
 //! --- | ---
 //! (its start) | `READY`, tab, model, tab, serial number
 //! `ARM` | `OK`; what came from the camera before is dropped, `LATE` and its name for a picture
-//! `TRIGGER n quiet` | `RELEASED`, then `PICTURE`, tab, number of bytes, tab, name; then the bytes
+//! `TRIGGER at n quiet` | `RELEASED`, tab, when; then `PICTURE`, tab, number of bytes, tab, name; then the bytes
 //! `KEEP yes`, `KEEP no` | `OK`: whether pictures stay on the card
 //!
-//! `n` is how many earlier pictures may still come ahead of this one; where there are any, it is the
+//! `at` and when the release went out are nanoseconds of the monotonic clock: helpers that are given
+//! the same instant release together, however late each was woken before it. `n` is how many earlier pictures may still come ahead of this one; where there are any, it is the
 //! last that comes before nothing comes for `quiet` milliseconds. Anything may be answered by
 //! `ERROR`, tab, a word (`gone`, `refused`, `timeout`, `fault`), tab, words for people.
 
@@ -27,11 +28,16 @@ use gphoto2::file::CameraFilePath;
 use gphoto2::list::CameraDescriptor;
 use gphoto2::widget::TextWidget;
 use gphoto2::{Camera, Context, Error};
+use rustix::process::{setpriority_process, setsid};
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
 
 /// What a camera is over the network, where nobody says more.
 const NETWORK_MODEL: &str = "PTP/IP Camera";
 /// The camera's queue counts as empty after so long without an event.
 const DRAINED: Duration = Duration::from_millis(1);
+/// Ahead of all that is not a driver: -20 is the highest.
+const PRIORITY: i32 = -15;
 /// One wait for an event; the program that asks has deadlines of its own and ends this one.
 const LISTEN: Duration = Duration::from_millis(500);
 
@@ -57,6 +63,7 @@ impl From<io::Error> for Failure {
 }
 
 fn main() -> io::Result<()> {
+    come_first();
     let mut out = io::stdout().lock();
     let (port, model) = {
         let mut words = std::env::args().skip(1);
@@ -89,6 +96,15 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
+/// A release that waits for other programs is late. Only some may put themselves first; others go
+/// without. Linux weighs sessions before it weighs programs, hence one of its own, which also keeps
+/// Ctrl-C from it: it ends when its input does.
+fn come_first() {
+    let _ = setsid();
+    let _ = std::fs::write("/proc/self/autogroup", PRIORITY.to_string());
+    let _ = setpriority_process(None, PRIORITY);
+}
+
 fn say_failure(out: &mut impl Write, Failure(word, why): Failure) -> io::Result<()> {
     writeln!(out, "ERROR\t{word}\t{}", clean(&why))?;
     out.flush()
@@ -102,6 +118,8 @@ fn clean(text: &str) -> String {
 /// Earlier pictures that may come ahead of one.
 #[derive(Clone, Copy)]
 struct Ahead {
+    /// When to release.
+    at: Duration,
     count: usize,
     quiet: Duration,
 }
@@ -110,7 +128,11 @@ impl Ahead {
     fn read(words: &str) -> Self {
         let mut numbers = words.split(' ').map(|word| word.parse::<u64>().unwrap_or(0));
         let mut number = || numbers.next().unwrap_or(0);
-        Self { count: number() as usize, quiet: Duration::from_millis(number()) }
+        Self {
+            at: Duration::from_nanos(number()),
+            count: number() as usize,
+            quiet: Duration::from_millis(number()),
+        }
     }
 }
 
@@ -157,9 +179,20 @@ fn detected(context: &Context, port: &str) -> Result<String, Failure> {
     Err(Failure("gone", format!("nothing at {port}; found {there}: {cure}")))
 }
 
-fn said_released(out: &mut impl Write) -> Result<(), Failure> {
-    writeln!(out, "RELEASED")?;
+fn said_released(out: &mut impl Write, at: Duration) -> Result<(), Failure> {
+    writeln!(out, "RELEASED\t{}", at.as_nanos())?;
     Ok(out.flush()?)
+}
+
+fn monotonic() -> Duration {
+    Duration::try_from(clock_gettime(ClockId::Monotonic)).unwrap_or_default()
+}
+
+fn wait_until(at: Duration) {
+    if let Ok(at) = Timespec::try_from(at) {
+        // Where it is interrupted the release is early, and says so.
+        let _ = clock_nanosleep_absolute(ClockId::Monotonic, &at);
+    }
 }
 
 fn is_picture(path: &CameraFilePath) -> bool {
@@ -183,15 +216,17 @@ impl Session {
 
     /// Releases, waits for the picture and hands it over.
     fn take(&self, out: &mut impl Write, ahead: Ahead, keep: bool) -> Result<(), Failure> {
+        wait_until(ahead.at);
+        let released = monotonic();
         let path = match self.camera.trigger_capture().wait() {
             Ok(()) => {
-                said_released(out)?;
+                said_released(out, released)?;
                 self.own_picture(ahead)?
             }
             // Some cameras can only be asked for both at once. What the list of models says of it is
             // wrong for cameras on the network, so it is tried.
             Err(error) if error.kind() == ErrorKind::NotSupported => {
-                said_released(out)?;
+                said_released(out, monotonic())?;
                 self.camera.capture_image().wait()?
             }
             Err(error) => return Err(error.into()),

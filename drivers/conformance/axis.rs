@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use beampose_core::{Clock, InstrumentError};
-use futures::future::join;
+use futures::future::{join, select};
 
 use super::bench::{Bench, role};
-use super::line::near;
+use super::line::{is_done_within, near};
 use crate::registry::{Moved, Role};
-use crate::sim::Stage;
+use crate::sim::{Fault, Stage};
 
 pub(super) fn moves(bench: &Bench) -> Result<(), String> {
     let axis = bench.axis()?;
@@ -86,6 +86,34 @@ pub(super) fn stops(bench: &Bench) -> Result<(), String> {
     }
     bench.run(axis.move_to(10.0)).map_err(|error| format!("afterwards: {error}"))?;
     near(10.0, bench.run(axis.position()).map_err(|error| error.to_string())?.value)
+}
+
+/// An answer is waited for that does not come, and stop is on its way before that is given up.
+pub(super) fn stops_at_once(bench: &Bench) -> Result<(), String> {
+    let (Some(trouble), Moved::ByMotor) = (bench.trouble(), bench.driver.moved) else {
+        return Ok(());
+    };
+    let axis = bench.axis()?;
+    let stage = bench.stage.as_ref().ok_or("no stage")?;
+    bench.run(axis.move_to(0.0)).map_err(|error| error.to_string())?;
+    bench.run(select(axis.move_to(80.0), bench.clock.sleep(Duration::from_secs(1))));
+    if !stage.is_moving() {
+        return Err("it does not move one second after it was told to".to_owned());
+    }
+    trouble.next([Fault::Silent]);
+    let (mut question, mut stop) = (axis.position(), axis.stop());
+    if is_done_within(&mut question, bench.deadline() / 4) {
+        return Err("the answer was not to come".to_owned());
+    }
+    is_done_within(&mut stop, bench.deadline() / 4);
+    if stage.is_moving() {
+        return Err("somebody waits for an answer, and stop waits too".to_owned());
+    }
+    drop((question, stop));
+    trouble.forget();
+    bench.run(axis.stop()).map_err(|error| format!("stop: {error}"))?;
+    let at = bench.run(axis.position()).map_err(|error| error.to_string())?.value;
+    near(stage.encoder(), at)
 }
 
 pub(super) fn cut_on_the_way(bench: &Bench) -> Result<(), String> {

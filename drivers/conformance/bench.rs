@@ -6,7 +6,7 @@ use std::future::Future;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use beampose_core::instrument::AxisUnit;
 use beampose_core::{Axis, Camera, Clock, InstrumentError, Laser, Quantity, Sensor, VirtualClock};
@@ -18,10 +18,6 @@ use crate::sim::{
 };
 use crate::transport::{Line, Wire};
 
-/// How long an answer may take here: most checks wait for one that does not come.
-const DEADLINE: Duration = Duration::from_millis(80);
-/// How long it may take on a machine that is busy otherwise.
-const PATIENT: Duration = Duration::from_millis(600);
 /// The name of the instrument.
 const NAME: &str = "it";
 
@@ -47,6 +43,17 @@ impl fmt::Display for Way {
 }
 
 impl Way {
+    /// How long an answer may take: many times what one takes on a machine that is busy otherwise.
+    /// On TCP checks wait for answers that do not come in this time. On a pty none does: the kernel
+    /// passes its bytes on by a worker of its own, which was seen to take seconds while all processors
+    /// were busy.
+    pub(super) const fn deadline(self) -> Duration {
+        match self {
+            Self::Tcp | Self::Own => Duration::from_millis(500),
+            Self::Pty => Duration::from_secs(4),
+        }
+    }
+
     /// The ways of a driver.
     #[must_use]
     pub const fn of(driver: &Driver) -> &'static [Self] {
@@ -72,8 +79,6 @@ pub struct Bench {
     pub(super) diode: Option<Arc<TestDiode>>,
     pub(super) probe: Option<Arc<TestProbe>>,
     pub(super) shutter: Option<Arc<TestShutter>>,
-    /// How long an answer may take.
-    pub(super) deadline: Duration,
     scratch: tempfile::TempDir,
 }
 
@@ -132,24 +137,13 @@ impl Bench {
             (Simulator::Hosted(make), _) => Served::Own(make(&all)?),
         };
         let scratch = tempfile::tempdir().map_err(io)?;
-        Ok(Self {
-            driver,
-            way,
-            clock,
-            served,
-            stage,
-            diode,
-            probe,
-            shutter,
-            deadline: DEADLINE,
-            scratch,
-        })
+        Ok(Self { driver, way, clock, served, stage, diode, probe, shutter, scratch })
     }
 
-    /// The same, for a machine that is busy: everything takes longer, and nothing else changes.
-    #[must_use]
-    pub fn patient(self) -> Self {
-        Self { deadline: PATIENT, ..self }
+    /// How long an answer may take: many times what one takes on a machine that is busy otherwise.
+    /// What is to be late comes later than this.
+    pub(super) const fn deadline(&self) -> Duration {
+        self.way.deadline()
     }
 
     /// One more connection to the device.
@@ -168,7 +162,7 @@ impl Bench {
         let port = self.driver.port_settings(&options).map_err(|error| error.to_string())?;
         let line = port.map(|port| {
             let wire = Wire::new(NAME, address.clone(), port, clock.clone(), None);
-            Arc::new(Line::new(Arc::new(wire), self.deadline))
+            Arc::new(Line::new(Arc::new(wire), self.deadline()))
         });
         let setting = Setting {
             name: NAME.to_owned(),
@@ -177,7 +171,7 @@ impl Bench {
             clock,
             options,
             role,
-            deadline: self.deadline,
+            deadline: self.deadline(),
             simulated: true,
             scratch: Path::to_owned(self.scratch.path()),
         };
@@ -189,9 +183,18 @@ impl Bench {
         futures::executor::block_on(self.clock.drive(Box::pin(future)))
     }
 
-    /// Lets real time pass in which host and device notice what was done to them.
+    /// Lets real time pass in which a host notices what was done to it.
     pub(super) fn pause(&self) {
-        std::thread::sleep(self.deadline / 2);
+        std::thread::sleep(Duration::from_millis(250));
+    }
+
+    /// Whether something that was sent without waiting comes about, in real time.
+    pub(super) fn soon(&self, is_so: impl Fn() -> bool) -> bool {
+        let end = Instant::now() + self.deadline();
+        while !is_so() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        is_so()
     }
 
     /// The host of the line; `None` for instruments without a line of bytes.

@@ -94,8 +94,7 @@ pub(super) fn interlock(bench: &Bench) -> Result<(), String> {
     // Opened while it emits.
     diode.interlock_open.store(true, Ordering::SeqCst);
     bench.run(laser.emission());
-    bench.pause();
-    if diode.is_on() {
+    if !bench.soon(|| !diode.is_on()) {
         return Err("its interlock opened, was polled, and it still emits".to_owned());
     }
     diode.interlock_open.store(false, Ordering::SeqCst);
@@ -181,8 +180,7 @@ pub(super) fn uncommanded(bench: &Bench) -> Result<(), String> {
     if bench.run(laser.emission()) == Emission::Off {
         return Err("it is on and reads as off".to_owned());
     }
-    bench.pause();
-    if diode.is_on() {
+    if !bench.soon(|| !diode.is_on()) {
         return Err("on without a command, seen, and left on".to_owned());
     }
     diode.switch(true);
@@ -198,7 +196,7 @@ pub(super) fn dropped(bench: &Bench) -> Result<(), String> {
     let (laser, diode) = (bench.laser()?, diode(bench)?);
     let given_up = bench.clock.sleep(Duration::from_secs(1));
     drop(bench.run(select(Box::pin(laser.emit()), given_up)));
-    bench.pause();
+    bench.soon(|| !diode.is_on());
     bench.run(bench.clock.sleep(Duration::from_secs(10)));
     if diode.is_on() {
         return Err("emit was given up half-way, and it is on".to_owned());
@@ -206,8 +204,11 @@ pub(super) fn dropped(bench: &Bench) -> Result<(), String> {
     bench.run(laser.off()).map_err(in_words)?;
     bench.run(laser.emit()).map_err(in_words)?;
     drop(laser);
-    bench.pause();
-    if diode.is_on() { Err("nobody holds it any more, and it is on".to_owned()) } else { Ok(()) }
+    if !bench.soon(|| !diode.is_on()) {
+        Err("nobody holds it any more, and it is on".to_owned())
+    } else {
+        Ok(())
+    }
 }
 
 pub(super) fn lost(bench: &Bench) -> Result<(), String> {
@@ -242,17 +243,15 @@ pub(super) fn reboot(bench: &Bench) -> Result<(), String> {
 }
 
 pub(super) fn above_limit(bench: &Bench) -> Result<(), String> {
-    let diode = diode(bench)?;
     let emission_delay = Duration::from_secs(3);
     for current_ma in [Some(1e5), None] {
+        // A serial port has one owner.
+        let bench = Bench::new(bench.driver, bench.way)?;
         let laser = bench.laser_as(Role::Laser { current_ma, emission_delay })?;
         refused(bench.run(laser.emit())).map_err(|why| format!("{current_ma:?} mA: {why}"))?;
-        if diode.is_on() {
+        if diode(&bench)?.is_on() {
             return Err("it is on although it refused".to_owned());
         }
-        // A serial port has one owner.
-        drop(laser);
-        bench.pause();
     }
     Ok(())
 }
@@ -261,8 +260,7 @@ pub(super) fn last_resort(bench: &Bench) -> Result<(), String> {
     let (laser, diode) = (bench.laser()?, diode(bench)?);
     bench.run(laser.emit()).map_err(in_words)?;
     laser.off_without_waiting();
-    bench.pause();
-    if diode.is_on() {
+    if !bench.soon(|| !diode.is_on()) {
         return Err("it is still on".to_owned());
     }
     // During the delay too: the device's own command must not be waited for.
@@ -270,10 +268,9 @@ pub(super) fn last_resort(bench: &Bench) -> Result<(), String> {
     let cry = async {
         bench.clock.sleep(Duration::from_secs(1)).await;
         laser.off_without_waiting();
-        bench.pause();
     };
     let (lit, ()) = bench.run(join(laser.emit(), cry));
-    if lit.is_ok() || diode.is_on() {
+    if lit.is_ok() || !bench.soon(|| !diode.is_on()) {
         return Err("off during the delay, and it is on".to_owned());
     }
     Ok(())

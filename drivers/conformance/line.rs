@@ -5,6 +5,7 @@ use std::task::{Context, Waker};
 use std::time::{Duration, Instant};
 
 use beampose_core::InstrumentError;
+use futures::FutureExt;
 
 use super::Way;
 use super::bench::Bench;
@@ -101,7 +102,7 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             let go = |target: f64| bench.bring(&axis, target);
             let read = || bench.run(axis.position()).map(|reading| reading.value);
             go(10.0)?;
-            trouble.next([Fault::Late(bench.deadline * 2)]);
+            trouble.next([Fault::Late(bench.deadline() * 2)]);
             expect_timeout(read())?;
             go(20.0)?;
             near(20.0, read().map_err(|error| error.to_string())?)
@@ -110,17 +111,17 @@ pub(super) fn late(bench: &Bench) -> Result<(), String> {
             let read = || bench.run(sensor.read()).map(|reading| reading.value);
             let probe = bench.probe.as_ref().ok_or("no probe")?;
             read().map_err(|error| error.to_string())?;
-            trouble.next([Fault::Late(bench.deadline * 2)]);
+            trouble.next([Fault::Late(bench.deadline() * 2)]);
             expect_timeout(read())?;
-            std::thread::sleep(bench.deadline / 2);
+            std::thread::sleep(bench.deadline() / 2);
             let found = read().map_err(|error| format!("after the late answer: {error}"))?;
             near(probe.value(probe.reads() - 1), found)
         }
         Connected::Laser(_) | Connected::Camera(_) => {
             let asker = bench.asker()?;
-            trouble.next([Fault::Late(bench.deadline * 2)]);
+            trouble.next([Fault::Late(bench.deadline() * 2)]);
             let _ = bench.run(asker.ask());
-            std::thread::sleep(bench.deadline * 2);
+            std::thread::sleep(bench.deadline() * 2);
             works_again(bench, &asker)
         }
     }
@@ -134,8 +135,8 @@ pub(super) fn given_up(bench: &Bench) -> Result<(), String> {
     if let Connected::Axis(axis) = &connected {
         bench.bring(axis, 10.0)?;
     }
-    trouble.next([Fault::Late(bench.deadline / 2)]);
-    if is_done_within(asker.ask(), bench.deadline / 4) {
+    trouble.next([Fault::Late(bench.deadline() / 2)]);
+    if is_done_within(&mut pin!(asker.ask()), bench.deadline() / 4) {
         return Err("the answer was to come later".to_owned());
     }
     match &connected {
@@ -154,12 +155,11 @@ pub(super) fn given_up(bench: &Bench) -> Result<(), String> {
 }
 
 /// Follows it for so long, in real time, and gives it up.
-fn is_done_within(future: impl Future, time: Duration) -> bool {
-    let mut future = pin!(future);
+pub(super) fn is_done_within(future: &mut (impl Future + Unpin), time: Duration) -> bool {
     let mut context = Context::from_waker(Waker::noop());
     let end = Instant::now() + time;
     while Instant::now() < end {
-        if future.as_mut().poll(&mut context).is_ready() {
+        if future.poll_unpin(&mut context).is_ready() {
             return true;
         }
         std::thread::sleep(Duration::from_millis(1));

@@ -1,13 +1,14 @@
 //! A camera of libgphoto2, through its helper program.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
-use beampose_core::{Camera, Clock, Frame, Identity, Instrument, InstrumentError};
+use beampose_core::{Camera, Clock, Frame, Identity, Instrument, InstrumentError, Stamp};
 use futures::lock::Mutex;
+use rustix::time::{ClockId, clock_gettime};
 
 use super::helper::{self, Helper, Said};
 use super::protocol::{self, Reply};
@@ -25,6 +26,8 @@ const RELEASE: Duration = Duration::from_secs(30);
 const SHORTEST: Duration = Duration::from_secs(2);
 /// Until a picture is here, where the rig does not say.
 const DELIVERY: Duration = Duration::from_millis(2500);
+/// From the request to the release: until then every helper has woken up and waits for it.
+const LEAD: Duration = Duration::from_millis(20);
 /// An earlier picture that comes ahead of ours is told from it by what comes within this.
 const QUIET: Duration = Duration::from_millis(500);
 
@@ -119,19 +122,20 @@ impl Session {
         }
     }
 
-    fn picture(&mut self, wait: Duration) -> Result<Vec<u8>, InstrumentError> {
+    /// The picture, and when its release went out.
+    fn picture(&mut self, wait: Duration) -> Result<(Vec<u8>, Duration), InstrumentError> {
         let timeout = |error| match error {
             InstrumentError::Timeout(_) => InstrumentError::Timeout(wait),
             other => other,
         };
-        match self.helper.next(Instant::now() + RELEASE.max(wait))? {
-            Said::Reply(Reply::Released) => {}
+        let released = match self.helper.next(Instant::now() + RELEASE.max(wait))? {
+            Said::Reply(Reply::Released(at)) => at,
             other => return Err(unexpected("RELEASED", other)),
-        }
+        };
         match self.helper.next(Instant::now() + wait).map_err(timeout)? {
             Said::Picture { bytes, name } => {
                 tracing::debug!(%name, "picture");
-                Ok(bytes)
+                Ok((bytes, released))
             }
             other => Err(unexpected("PICTURE", other)),
         }
@@ -184,6 +188,24 @@ impl Gphoto2Camera {
     }
 }
 
+/// The monotonic clock of this computer, which helpers read too.
+fn monotonic() -> Duration {
+    let now = clock_gettime(ClockId::Monotonic);
+    Duration::try_from(now).unwrap_or_default()
+}
+
+/// When the cameras that are asked within a moment are released, all of this program.
+static RELEASE_AT: std::sync::Mutex<Duration> = std::sync::Mutex::new(Duration::ZERO);
+
+/// The instant for a camera that is asked now: the same as for those that were asked just before.
+fn release_at(now: Duration) -> Duration {
+    let mut at = RELEASE_AT.lock().unwrap_or_else(PoisonError::into_inner);
+    if *at <= now {
+        *at = now + LEAD;
+    }
+    *at
+}
+
 /// Lets whoever is polled together with this be polled first.
 async fn others_first() {
     let mut polled = false;
@@ -195,6 +217,11 @@ async fn others_first() {
         Poll::Pending
     })
     .await;
+}
+
+fn later(stamp: Stamp, by: Duration) -> Stamp {
+    let utc = jiff::SignedDuration::try_from(by).ok().and_then(|by| stamp.utc.checked_add(by).ok());
+    Stamp { monotonic: stamp.monotonic.saturating_add(by), utc: utc.unwrap_or(stamp.utc) }
 }
 
 #[async_trait]
@@ -223,9 +250,10 @@ impl Camera for Gphoto2Camera {
     async fn trigger(&self) -> Result<Frame, InstrumentError> {
         let mut slot = self.slot.lock().await;
         let mut session = self.session(&mut slot).await?;
-        let requested = self.clock.now();
-        // Sent here and now: the triggers of several cameras go out one right after the other.
-        session.helper.ask(&protocol::trigger(slot.missing, self.quiet))?;
+        let (asked, asked_monotonic) = (self.clock.now(), monotonic());
+        // Sent here and now, for one instant for several cameras.
+        let at = release_at(asked_monotonic);
+        session.helper.ask(&protocol::trigger(at, slot.missing, self.quiet))?;
         let (before, wait) = (slot.missing, self.wait);
         slot.missing += 1;
         // Nothing is begun that takes processors from the others before all have been asked.
@@ -236,7 +264,11 @@ impl Camera for Gphoto2Camera {
             Err(InstrumentError::Refused(_)) => slot.missing = before,
             Err(_) => {}
         }
-        Ok(Frame { bytes: result?, requested, delivered: self.clock.now() })
+        let (bytes, released) = result?;
+        // A virtual clock stands still meanwhile.
+        let late = released.saturating_sub(asked_monotonic);
+        let requested = if self.simulated { asked } else { later(asked, late) };
+        Ok(Frame { bytes, requested, delivered: self.clock.now() })
     }
 }
 

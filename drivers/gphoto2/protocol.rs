@@ -12,10 +12,10 @@ pub(super) fn keep(keep: bool) -> String {
     format!("KEEP {}\n", if keep { "yes" } else { "no" })
 }
 
-/// Releases. So many earlier pictures may come ahead of this one; it is the last when it has been
+/// Releases at `at` of the monotonic clock, or at once where that is over. So many earlier pictures may come ahead of this one; it is the last when it has been
 /// quiet for so long.
-pub(super) fn trigger(ahead: usize, quiet: Duration) -> String {
-    format!("TRIGGER {ahead} {}\n", quiet.as_millis())
+pub(super) fn trigger(at: Duration, ahead: usize, quiet: Duration) -> String {
+    format!("TRIGGER {} {ahead} {}\n", at.as_nanos(), quiet.as_millis())
 }
 
 /// What the helper says on a line.
@@ -32,8 +32,8 @@ pub(super) enum Reply {
     Done,
     /// This picture came before it was asked for.
     Late(String),
-    /// The camera took the request.
-    Released,
+    /// The camera took the request; when it went out, of the monotonic clock.
+    Released(Duration),
     /// So many bytes follow.
     Picture {
         /// Bytes.
@@ -56,7 +56,7 @@ pub(super) fn reply(line: &str) -> Option<Reply> {
         ["READY", model, serial] => Reply::Ready { model: text(model), serial: text(serial) },
         ["OK"] => Reply::Done,
         ["LATE", name] => Reply::Late(text(name)),
-        ["RELEASED"] => Reply::Released,
+        ["RELEASED", at] => Reply::Released(Duration::from_nanos(at.parse().ok()?)),
         ["PICTURE", length, name] => {
             let length = length.parse().ok().filter(|length| *length <= LONGEST)?;
             Reply::Picture { length, name: text(name) }
@@ -89,7 +89,8 @@ mod tests {
         for (line, expected) in [
             ("READY\tCanon R5\t", Some(ready)),
             ("OK", Some(Reply::Done)),
-            ("RELEASED", Some(Reply::Released)),
+            ("RELEASED\t2000000007", Some(Reply::Released(Duration::new(2, 7)))),
+            ("RELEASED\tsoon", None),
             ("LATE\ta.jpg", Some(Reply::Late("a.jpg".to_owned()))),
             ("PICTURE\t12\tDSC_0001.JPG", Some(picture)),
             ("PICTURE\t-1\ta", None),

@@ -22,6 +22,8 @@ use crate::transport::Address;
 const PORT: u16 = 15740;
 /// How often a thread that reads looks whether all is over.
 const TICK: Duration = Duration::from_millis(20);
+/// Its priority: -20 is the highest.
+const CAMERA_FIRST: i32 = -15;
 /// Why a client is not let in: CIPA DC-005, table 9.
 const BUSY: u32 = 2;
 
@@ -148,6 +150,8 @@ impl Responder {
 
     /// The first packet says what a connection is for.
     fn serve(&self, mut stream: TcpStream) -> io::Result<()> {
+        // A camera has a processor of its own: this thread comes first, where that is allowed.
+        let _ = rustix::process::setpriority_process(None, CAMERA_FIRST);
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_read_timeout(Some(TICK))?;

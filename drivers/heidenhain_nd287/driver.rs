@@ -4,28 +4,25 @@ use std::sync::Arc;
 
 use async_trait::async_trait;
 use beampose_core::instrument::AxisUnit;
-use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Reading};
 
 use super::protocol;
-use crate::readout::may_be_moved_to;
-use crate::registry::{Connected, Role, Setting};
+use crate::axis::Travel;
+use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
 
 /// A display.
 pub struct Nd287 {
     line: Party,
     clock: Arc<dyn Clock>,
-    limits: [f64; 2],
+    travel: Travel,
     simulated: bool,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let Role::Axis { unit: AxisUnit::Millimetre, limits, .. } = setting.role else {
-        return Err(InstrumentError::Refused(format!("{} is no rail", setting.name)));
-    };
     Ok(Connected::Axis(Arc::new(Nd287 {
         line: setting.line()?,
-        limits,
+        travel: Travel::of_rail(&setting)?,
         simulated: setting.simulated,
         clock: setting.clock,
     })))
@@ -94,7 +91,7 @@ impl Instrument for Nd287 {
 #[async_trait]
 impl Axis for Nd287 {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
-        may_be_moved_to(target, self.limits)
+        self.travel.reaches(target)
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
@@ -110,8 +107,7 @@ impl Axis for Nd287 {
             talk.is_lost();
             return Err(garbled("a position as -12345.6789", &shown));
         };
-        let (value, at) = (value * before, self.clock.now());
-        Ok(Reading { quantity: Quantity::Position, value, standard_uncertainty: None, at })
+        Ok(self.travel.reading(value * before, &*self.clock))
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
@@ -120,6 +116,6 @@ impl Axis for Nd287 {
     }
 
     fn unit(&self) -> AxisUnit {
-        AxisUnit::Millimetre
+        self.travel.unit
     }
 }

@@ -5,16 +5,19 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use beampose_core::instrument::{AxisUnit, Homing};
-use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Reading};
 
 use super::protocol::{self, State, Status};
-use crate::registry::{Connected, Role, Setting};
+use crate::axis::{NOT_HOMED, Travel};
+use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
 const POLL: Duration = Duration::from_millis(50);
 /// How long a controller is dead after a reset: about 5 s, and a reserve.
 const RESET: Duration = Duration::from_secs(6);
+/// Quiet for so long, it has heard that it is to reset.
+const GOES_DOWN: Duration = Duration::from_millis(50);
 /// How often it is asked after that, one second apart, before it is given up.
 const TRIES_AFTER_RESET: usize = 10;
 /// Further than this from its target it was stopped on the way. Stages of these controllers count in
@@ -26,22 +29,15 @@ pub struct NewportSmc {
     line: Party,
     clock: Arc<dyn Clock>,
     address: u32,
-    unit: AxisUnit,
-    limits: [f64; 2],
-    speed: f64,
+    travel: Travel,
     simulated: bool,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let Role::Axis { unit, limits, speed } = setting.role else {
-        return Err(InstrumentError::Refused(format!("{} is no axis", setting.name)));
-    };
     Ok(Connected::Axis(Arc::new(NewportSmc {
         line: setting.line()?,
         address: setting.options.whole("address", 1, 31)?,
-        unit,
-        limits,
-        speed,
+        travel: Travel::of(&setting)?,
         simulated: setting.simulated,
         clock: setting.clock,
     })))
@@ -118,9 +114,7 @@ impl NewportSmc {
     async fn is_ready(&self) -> Result<(), InstrumentError> {
         let why = match self.status().await?.state {
             State::Ready => return Ok(()),
-            State::NotReferenced => {
-                "it has not been homed since it was switched on: `beampose rig jog` with --home"
-            }
+            State::NotReferenced => NOT_HOMED,
             State::Disabled => "its motor is off: switch it on at the controller, or home it",
             State::Configuration => "it is being configured: switch it off and on",
             State::Homing => "it searches its reference",
@@ -133,6 +127,8 @@ impl NewportSmc {
     async fn reset(&self) -> Result<(), InstrumentError> {
         let mut talk = self.line.talk().await?;
         talk.send(&protocol::command(self.address, "RS")).await?;
+        // What it may say as it goes down is nobody's answer.
+        talk.discard(GOES_DOWN).await?;
         drop(talk);
         self.clock.sleep(RESET).await;
         let mut last = self.status().await;
@@ -150,13 +146,6 @@ impl NewportSmc {
                 let why = format!("after a reset it is {}", other.words());
                 Err(InstrumentError::Fault(why))
             }
-        }
-    }
-
-    fn symbol(&self) -> &'static str {
-        match self.unit {
-            AxisUnit::Millimetre => "mm",
-            AxisUnit::Degree => "deg",
         }
     }
 }
@@ -178,14 +167,10 @@ impl Instrument for NewportSmc {
 #[async_trait]
 impl Axis for NewportSmc {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
-        let ([low, high], unit) = (self.limits, self.symbol());
-        if !(low..=high).contains(&target) {
-            let why = format!("{target} {unit} is outside {low} to {high} {unit}");
-            return Err(InstrumentError::Refused(why));
-        }
+        self.travel.reaches(target)?;
         self.is_ready().await?;
         // A reset, which no line notices, takes the speed back: it is said each time.
-        self.tell(&format!("VA{}", self.speed)).await?;
+        self.tell(&format!("VA{}", self.travel.speed)).await?;
         self.tell(&format!("PA{target:.6}")).await?;
         let Status { faults, state } = self.stands().await?;
         if faults != 0 {
@@ -199,6 +184,7 @@ impl Axis for NewportSmc {
         // encoder.
         let stands = self.number("TH").await?;
         if (stands - target).abs() > ARRIVED {
+            let unit = self.travel.symbol();
             let why = format!("stopped at {stands} {unit} on the way to {target} {unit}");
             return Err(InstrumentError::Refused(why));
         }
@@ -207,11 +193,7 @@ impl Axis for NewportSmc {
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
         let value = self.number("TP").await?;
-        let quantity = match self.unit {
-            AxisUnit::Millimetre => Quantity::Position,
-            AxisUnit::Degree => Quantity::Angle,
-        };
-        Ok(Reading { quantity, value, standard_uncertainty: None, at: self.clock.now() })
+        Ok(self.travel.reading(value, &*self.clock))
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
@@ -227,7 +209,7 @@ impl Axis for NewportSmc {
     }
 
     fn unit(&self) -> AxisUnit {
-        self.unit
+        self.travel.unit
     }
 
     fn homing(&self) -> Option<&dyn Homing> {

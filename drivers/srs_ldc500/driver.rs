@@ -7,6 +7,7 @@ use async_trait::async_trait;
 use beampose_core::{Clock, Identity, InstrumentError};
 
 use super::protocol;
+use crate::laser::diode::{CONTROL_IS_OFF, LIMIT_CURRENT, Tolerance};
 use crate::laser::{GuardedLaser, LaserDevice};
 use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
@@ -107,22 +108,15 @@ fn garbled(talk: &Talk<'_>, word: &str, found: &str) -> InstrumentError {
 /// A laser diode on an LDC500.
 pub struct SrsLdc500 {
     interface: Interface,
-    /// How far its temperature may be off, K; `None` without temperature control.
-    tolerance: Option<f64>,
+    /// `None` without temperature control.
+    tolerance: Option<Tolerance>,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let limit = setting.options.number("limit_current")?;
-    let tolerance = setting.options.number("temperature_tolerance")?;
-    if tolerance <= 0.0 {
-        return Err(InstrumentError::Refused(
-            "temperature_tolerance must be above zero".to_owned(),
-        ));
-    }
-    let controlled = setting.options.switch("temperature_control")?;
+    let limit = setting.options.positive(LIMIT_CURRENT.name)?;
     let device = SrsLdc500 {
         interface: Interface::new(&setting)?,
-        tolerance: controlled.then_some(tolerance),
+        tolerance: Tolerance::of(&setting.options)?,
     };
     Ok(Connected::Laser(Arc::new(GuardedLaser::new(Arc::new(device), &setting, limit)?)))
 }
@@ -186,8 +180,7 @@ impl LaserDevice for SrsLdc500 {
     async fn not_ready(&self) -> Result<Option<String>, InstrumentError> {
         let Some(tolerance) = self.tolerance else { return Ok(None) };
         if !self.interface.ask("TEON", protocol::switch).await? {
-            let why = "its temperature control is off; switch it on and let it settle";
-            return Ok(Some(why.to_owned()));
+            return Ok(Some(CONTROL_IS_OFF.to_owned()));
         }
         let mode = self.interface.ask("TMOD", |text| Some(text.to_owned())).await?;
         if mode != "CT" {
@@ -195,10 +188,7 @@ impl LaserDevice for SrsLdc500 {
         }
         let set = self.interface.ask("TEMP", protocol::number).await?;
         let read = self.interface.ask("TTRD", protocol::number).await?;
-        let is_near = (set - read).abs() <= tolerance;
-        Ok((!is_near).then(|| {
-            format!("its diode has {read} degC, more than {tolerance} K from its set point of {set} degC")
-        }))
+        Ok(tolerance.objection(set, read))
     }
 
     fn off_without_waiting(&self) {

@@ -21,7 +21,7 @@ pub use sim::Ldc500;
 
 use beampose_core::Quantity;
 
-use crate::options::{OptionSpec, Value};
+use crate::laser::diode::{LIMIT_CURRENT, TEMPERATURE_CONTROL, TEMPERATURE_TOLERANCE};
 use crate::registry::{Driver, Moved, Simulator};
 use crate::transport::PortSettings;
 
@@ -39,27 +39,7 @@ pub const LASER: Driver = Driver {
     moved: Moved::ByMotor,
     reads: None,
     port: Some(PORT),
-    options: &[
-        OptionSpec {
-            name: "limit_current",
-            about: "the most that the diode may ever get, in mA: programmed as the hardware limit",
-            default: None,
-            example: Value::Number(120.0),
-        },
-        OptionSpec {
-            name: "temperature_control",
-            about: "whether the controller holds the diode's temperature; without it light is \
-                    given at any temperature",
-            default: Some(Value::Switch(true)),
-            example: Value::Switch(true),
-        },
-        OptionSpec {
-            name: "temperature_tolerance",
-            about: "how far from its set point the diode's temperature may be for light, in K",
-            default: Some(Value::Number(0.5)),
-            example: Value::Number(0.5),
-        },
-    ],
+    options: &[LIMIT_CURRENT, TEMPERATURE_CONTROL, TEMPERATURE_TOLERANCE],
     connect: driver::connect,
     simulator: Simulator::Device(sim::simulate),
 };

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use async_trait::async_trait;
 use beampose_core::instrument::AxisUnit;
-use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Reading};
 
 use super::protocol::{self, Message, Unit};
-use crate::readout::may_be_moved_to;
-use crate::registry::{Connected, Role, Setting};
+use crate::axis::Travel;
+use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
 
 /// More lines than this before the answer: somebody leans on PRINT, or it sends by itself.
@@ -18,17 +18,14 @@ const MOST_ASIDES: usize = 20;
 pub struct Sylvac {
     line: Party,
     clock: Arc<dyn Clock>,
-    limits: [f64; 2],
+    travel: Travel,
     simulated: bool,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let Role::Axis { unit: AxisUnit::Millimetre, limits, .. } = setting.role else {
-        return Err(InstrumentError::Refused(format!("{} is no rail", setting.name)));
-    };
     Ok(Connected::Axis(Arc::new(Sylvac {
         line: setting.line()?,
-        limits,
+        travel: Travel::of_rail(&setting)?,
         simulated: setting.simulated,
         clock: setting.clock,
     })))
@@ -112,7 +109,7 @@ impl Instrument for Sylvac {
 #[async_trait]
 impl Axis for Sylvac {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
-        may_be_moved_to(target, self.limits)
+        self.travel.reaches(target)
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
@@ -122,8 +119,7 @@ impl Axis for Sylvac {
             talk.is_lost();
         }
         talk.is_set_up();
-        let (value, at) = (measured?, self.clock.now());
-        Ok(Reading { quantity: Quantity::Position, value, standard_uncertainty: None, at })
+        Ok(self.travel.reading(measured?, &*self.clock))
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
@@ -132,6 +128,6 @@ impl Axis for Sylvac {
     }
 
     fn unit(&self) -> AxisUnit {
-        AxisUnit::Millimetre
+        self.travel.unit
     }
 }

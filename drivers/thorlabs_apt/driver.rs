@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use beampose_core::instrument::{AxisUnit, Homing};
-use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Reading};
 
 use super::protocol::{self as apt, Bits, HEADER};
-use crate::registry::{Connected, Role, Setting};
+use crate::axis::{NOT_HOMED, Travel};
+use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
@@ -60,20 +61,12 @@ pub struct ThorlabsApt {
     channel: u16,
     motor: Motor,
     counts_per_unit: f64,
-    unit: AxisUnit,
-    limits: [f64; 2],
-    speed: f64,
+    travel: Travel,
     simulated: bool,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let Role::Axis { unit, limits, speed } = setting.role else {
-        return Err(InstrumentError::Refused(format!("{} is no axis", setting.name)));
-    };
-    let counts_per_unit = setting.options.number("counts_per_unit")?;
-    if counts_per_unit <= 0.0 {
-        return Err(InstrumentError::Refused("counts_per_unit must be above zero".to_owned()));
-    }
+    let counts_per_unit = setting.options.positive("counts_per_unit")?;
     let motor = match setting.options.text("controller")? {
         "kdc101" => Motor::Dc,
         "k10cr1" | "lts300" => Motor::Stepper,
@@ -88,9 +81,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
         channel: setting.options.whole("channel", 1, 6)? as u16,
         motor,
         counts_per_unit,
-        unit,
-        limits,
-        speed,
+        travel: Travel::of(&setting)?,
         simulated: setting.simulated,
         clock: setting.clock,
     })))
@@ -213,7 +204,7 @@ impl ThorlabsApt {
     /// The rig's speed, where the controller has another.
     async fn set_speed(&self) -> Result<(), InstrumentError> {
         let before = self.query(Self::VELOCITY, apt::velocity).await?;
-        let wanted = (self.speed * self.counts_per_unit * self.motor.speed()).round() as i32;
+        let wanted = (self.travel.speed * self.counts_per_unit * self.motor.speed()).round() as i32;
         if before.highest == wanted {
             return Ok(());
         }
@@ -224,7 +215,7 @@ impl ThorlabsApt {
         if taken == wanted {
             return Ok(());
         }
-        let (speed, unit) = (self.speed, self.symbol());
+        let (speed, unit) = (self.travel.speed, self.travel.symbol());
         let takes = f64::from(taken) / self.counts_per_unit / self.motor.speed();
         let why = format!("it does not take a speed of {speed} {unit}/s: it has {takes:.3}");
         Err(InstrumentError::Refused(why))
@@ -254,18 +245,11 @@ impl ThorlabsApt {
             }
             standing += 1;
             if standing == SURE {
-                let (at, unit) = (f64::from(at) / self.counts_per_unit, self.symbol());
+                let (at, unit) = (f64::from(at) / self.counts_per_unit, self.travel.symbol());
                 let limit = if bits.is_at_limit() { " by a limit switch" } else { "" };
                 let why = format!("stopped{limit} at {at:.3} {unit} on the way to {target} {unit}");
                 return Err(InstrumentError::Refused(why));
             }
-        }
-    }
-
-    fn symbol(&self) -> &'static str {
-        match self.unit {
-            AxisUnit::Millimetre => "mm",
-            AxisUnit::Degree => "deg",
         }
     }
 }
@@ -289,13 +273,11 @@ impl Instrument for ThorlabsApt {
 #[async_trait]
 impl Axis for ThorlabsApt {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
-        let ([low, high], unit) = (self.limits, self.symbol());
+        self.travel.reaches(target)?;
         let refused = |why: String| Err(InstrumentError::Refused(why));
-        if !(low..=high).contains(&target) {
-            return refused(format!("{target} {unit} is outside {low} to {high} {unit}"));
-        }
         let counts = (target * self.counts_per_unit).round();
         if counts.abs() > f64::from(i32::MAX) {
+            let unit = self.travel.symbol();
             return refused(format!("{target} {unit} is more than the controller can count"));
         }
         let bits = self.bits().await?;
@@ -304,9 +286,7 @@ impl Axis for ThorlabsApt {
         }
         // The controller itself would move: somewhere.
         if !bits.is_homed() {
-            let why =
-                "it has not been homed since it was switched on: `beampose rig jog` with --home";
-            return refused(why.to_owned());
+            return refused(NOT_HOMED.to_owned());
         }
         self.enable(bits).await?;
         self.set_speed().await?;
@@ -319,12 +299,8 @@ impl Axis for ThorlabsApt {
     async fn position(&self) -> Result<Reading, InstrumentError> {
         let question = (apt::MOT_REQ_POSITION_COUNTER, apt::MOT_GET_POSITION_COUNTER);
         let counts = self.query(question, apt::position).await?;
-        let quantity = match self.unit {
-            AxisUnit::Millimetre => Quantity::Position,
-            AxisUnit::Degree => Quantity::Angle,
-        };
         let value = f64::from(counts) / self.counts_per_unit;
-        Ok(Reading { quantity, value, standard_uncertainty: None, at: self.clock.now() })
+        Ok(self.travel.reading(value, &*self.clock))
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
@@ -341,7 +317,7 @@ impl Axis for ThorlabsApt {
     }
 
     fn unit(&self) -> AxisUnit {
-        self.unit
+        self.travel.unit
     }
 
     fn homing(&self) -> Option<&dyn Homing> {

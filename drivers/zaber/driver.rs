@@ -6,14 +6,18 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use beampose_core::instrument::{AxisUnit, Homing};
-use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Quantity, Reading};
+use beampose_core::{Axis, Clock, Identity, Instrument, InstrumentError, Reading};
 
 use super::protocol::{self, Message, Reply};
-use crate::registry::{Connected, Role, Setting};
+use crate::axis::{NOT_HOMED, Travel};
+use crate::registry::{Connected, Setting};
 use crate::transport::{Party, Talk};
 
 /// Between two looks at whether it still moves.
 const POLL: Duration = Duration::from_millis(50);
+/// Further than this from its target it was stopped on the way, in the axis' unit: ten times what
+/// any of these stages settles to.
+const ARRIVED: f64 = 0.01;
 /// More lines than this without ours: the line is full of somebody else's talk.
 const MOST_ASIDES: usize = 50;
 /// Zaber's unit of speed: microsteps per second times this.
@@ -27,40 +31,35 @@ pub struct Zaber {
     device: u32,
     axis: u32,
     steps_per_unit: f64,
-    unit: AxisUnit,
-    limits: [f64; 2],
-    speed: f64,
+    travel: Travel,
     simulated: bool,
 }
 
 pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
-    let Role::Axis { unit, limits, speed } = setting.role else {
-        return Err(InstrumentError::Refused(format!("{} is no axis", setting.name)));
-    };
-    let steps_per_unit = setting.options.number("steps_per_unit")?;
-    if steps_per_unit <= 0.0 {
-        return Err(InstrumentError::Refused("steps_per_unit must be above zero".to_owned()));
-    }
     Ok(Connected::Axis(Arc::new(Zaber {
         line: setting.line()?,
         next_id: AtomicU8::new(0),
         device: setting.options.whole("device", 1, 99)?,
         axis: setting.options.whole("axis", 1, 9)?,
-        steps_per_unit,
-        unit,
-        limits,
-        speed,
+        steps_per_unit: setting.options.positive("steps_per_unit")?,
+        travel: Travel::of(&setting)?,
         simulated: setting.simulated,
         clock: setting.clock,
     })))
 }
 
 impl Zaber {
+    /// The next command's number.
+    fn id(&self) -> u8 {
+        let next = |id: u8| Some((id + 1) % 100);
+        self.next_id.fetch_update(Ordering::SeqCst, Ordering::SeqCst, next).unwrap_or_default()
+    }
+
     /// One command and its reply.
     async fn ask(&self, words: &str) -> Result<Reply, InstrumentError> {
         let mut talk = self.line.talk().await?;
         if talk.is_new() {
-            let speed = (self.speed * self.steps_per_unit * SPEED).round();
+            let speed = (self.travel.speed * self.steps_per_unit * SPEED).round();
             self.exchange(&mut talk, self.axis, &format!("set maxspeed {speed}")).await?;
             talk.is_set_up();
         }
@@ -73,9 +72,7 @@ impl Zaber {
         axis: u32,
         words: &str,
     ) -> Result<Reply, InstrumentError> {
-        let next = |id: u8| Some((id + 1) % 100);
-        let id = self.next_id.fetch_update(Ordering::SeqCst, Ordering::SeqCst, next);
-        let id = id.unwrap_or_default();
+        let id = self.id();
         talk.send(&protocol::command(self.device, axis, id, words)).await?;
         let mut damaged = None;
         for _ in 0..MOST_ASIDES {
@@ -86,7 +83,8 @@ impl Zaber {
             match protocol::message(&line) {
                 // A reply to an earlier command may come after its time was over.
                 Some(Message::Reply(reply))
-                    if reply.id == Some(id) && u32::from(reply.device) == self.device =>
+                    if reply.id == Some(id)
+                        && [reply.device, reply.axis].map(u32::from) == [self.device, axis] =>
                 {
                     return if reply.accepted {
                         Ok(reply)
@@ -107,6 +105,14 @@ impl Zaber {
         Err(InstrumentError::Garbled { expected: format!("the reply to {words:?}"), found })
     }
 
+    async fn steps(&self) -> Result<f64, InstrumentError> {
+        let reply = self.ask("get pos").await?;
+        reply.data.parse().map_err(|_| InstrumentError::Garbled {
+            expected: "a position in microsteps".to_owned(),
+            found: reply.data,
+        })
+    }
+
     /// Waits until it stands. The warning flag it then shows.
     async fn stands(&self) -> Result<String, InstrumentError> {
         loop {
@@ -115,13 +121,6 @@ impl Zaber {
                 return Ok(reply.warning);
             }
             self.clock.sleep(POLL).await;
-        }
-    }
-
-    fn symbol(&self) -> &'static str {
-        match self.unit {
-            AxisUnit::Millimetre => "mm",
-            AxisUnit::Degree => "deg",
         }
     }
 }
@@ -147,55 +146,50 @@ impl Instrument for Zaber {
 #[async_trait]
 impl Axis for Zaber {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
-        let ([low, high], unit) = (self.limits, self.symbol());
-        if !(low..=high).contains(&target) {
-            let why = format!("{target} {unit} is outside {low} to {high} {unit}");
-            return Err(InstrumentError::Refused(why));
-        }
+        self.travel.reaches(target)?;
         let before = self.ask("").await?;
         if protocol::has_no_reference(&before.warning) {
-            let why =
-                "it has not been homed since it was switched on: `beampose rig jog` with --home";
-            return Err(InstrumentError::Refused(why.to_owned()));
+            return Err(InstrumentError::Refused(NOT_HOMED.to_owned()));
         }
         let steps = (target * self.steps_per_unit).round();
         self.ask(&format!("move abs {steps}")).await?;
         let flag = self.stands().await?;
         match protocol::failure(&flag) {
             None if protocol::has_no_reference(&flag) => {
-                Err(InstrumentError::Fault("it lost its reference on the way".to_owned()))
+                let why = "it lost its reference on the way".to_owned();
+                return Err(InstrumentError::Fault(why));
             }
-            None => Ok(()),
-            Some(why) if flag == "NI" => {
-                Err(InstrumentError::Refused(format!("{why} to {target} {unit}")))
+            Some(why) if flag != protocol::INTERRUPTED => {
+                return Err(InstrumentError::Fault(format!("{why} (flag {flag})")));
             }
-            Some(why) => Err(InstrumentError::Fault(format!("{why} (flag {flag})"))),
+            _ => {}
         }
+        // A second stop, or another client, may have taken the flag back that says so.
+        let at = self.steps().await? / self.steps_per_unit;
+        if flag == protocol::INTERRUPTED || (at - target).abs() > ARRIVED {
+            let unit = self.travel.symbol();
+            let why = format!("stopped at {at:.3} {unit} on the way to {target} {unit}");
+            return Err(InstrumentError::Refused(why));
+        }
+        Ok(())
     }
 
     async fn position(&self) -> Result<Reading, InstrumentError> {
-        let reply = self.ask("get pos").await?;
-        let steps: f64 = reply.data.parse().map_err(|_| InstrumentError::Garbled {
-            expected: "a position in microsteps".to_owned(),
-            found: reply.data.clone(),
-        })?;
-        let quantity = match self.unit {
-            AxisUnit::Millimetre => Quantity::Position,
-            AxisUnit::Degree => Quantity::Angle,
-        };
-        let at = self.clock.now();
-        let value = steps / self.steps_per_unit;
-        Ok(Reading { quantity, value, standard_uncertainty: None, at })
+        let position = self.steps().await? / self.steps_per_unit;
+        Ok(self.travel.reading(position, &*self.clock))
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
+        // At once, whoever waits for an answer now: its own answer has a number that nobody waits for.
+        let stop = protocol::command(self.device, self.axis, self.id(), "stop");
+        self.line.send_without_waiting(&stop);
         // A stop is itself a move: it lasts until the stage stands.
         self.ask("stop").await?;
         self.stands().await.map(drop)
     }
 
     fn unit(&self) -> AxisUnit {
-        self.unit
+        self.travel.unit
     }
 
     fn homing(&self) -> Option<&dyn Homing> {

@@ -98,6 +98,9 @@ pub(super) fn rejection(word: &str) -> &str {
     }
 }
 
+/// The flag of a move that was interrupted.
+pub(super) const INTERRUPTED: &str = "NI";
+
 /// Why a move that ended did not end well, from the warning flag of the reply.
 pub(super) fn failure(flag: &str) -> Option<&'static str> {
     Some(match flag {
@@ -118,7 +121,7 @@ pub(super) fn failure(flag: &str) -> Option<&'static str> {
         "FT" => "excessive twist",
         "WL" => "it met a limit sensor unexpectedly",
         "WS" => "it stalled and recovered",
-        "NI" => "stopped on the way",
+        INTERRUPTED => "stopped on the way",
         _ => return None,
     })
 }

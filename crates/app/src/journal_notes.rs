@@ -12,8 +12,9 @@ use crate::input::Origin;
 const LISTED: usize = 12;
 
 /// The kinds of events that a report tells of, and what it calls them.
-const TOLD: [(EventKind, &str); 12] = [
+const TOLD: [(EventKind, &str); 13] = [
     (EventKind::LaserUnknown, "Laser unknown, assume on"),
+    (EventKind::InterlockTripped, "Interlock"),
     (EventKind::StepFailed, "Failed"),
     (EventKind::Retried, "Tried again"),
     (EventKind::Skipped, "Skipped"),

@@ -223,6 +223,8 @@ pub enum EventKind {
     LaserOff,
     /// Nobody knows whether the laser is on: assume it is.
     LaserUnknown,
+    /// The contact of a laser that was on was open, or could not be read.
+    InterlockTripped,
     /// An axis moved.
     Moved,
     /// The session goes on after it was stopped or died.

@@ -13,6 +13,7 @@ mod bench;
 mod closing_in;
 mod control;
 mod error;
+mod interlock;
 pub mod machine;
 mod observe;
 mod operator;

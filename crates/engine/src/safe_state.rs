@@ -33,6 +33,8 @@ pub enum Cause {
     Wished(Wish, String),
     /// A condition does not hold.
     Suspended(String),
+    /// The interlock of a laser that was on was not closed.
+    Tripped,
     /// The instruments did not all answer.
     NotPrepared,
     /// What a step acquired could not be stored.
@@ -49,6 +51,7 @@ impl fmt::Display for Cause {
             Self::StepFailed(step) => write!(f, "step {step} failed"),
             Self::Wished(wish, reason) => write!(f, "{}: {reason}", wish.as_str()),
             Self::Suspended(why) => f.write_str(why),
+            Self::Tripped => f.write_str("interlock"),
             Self::NotPrepared => f.write_str("preparation failed"),
             Self::NotStored(step) => write!(f, "step {step} could not be stored"),
             Self::SessionEnd => f.write_str("end of session"),

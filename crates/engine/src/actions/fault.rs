@@ -6,6 +6,7 @@ use beampose_core::instrument::AxisUnit;
 use beampose_core::{InstrumentError, InstrumentName, Missing};
 
 use crate::EngineError;
+use crate::interlock::Trip;
 
 /// Why a step failed, in the words of its record.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +23,8 @@ pub(crate) enum Fault {
     NotThere { name: InstrumentName, target: f64, read: f64, suffix: &'static str, tolerance: f64 },
     #[error("{0}")]
     Laser(String),
+    #[error("{}: its interlock {} while it was on", .0.laser, .0.why)]
+    Interlock(Trip),
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Several(Vec<Fault>),
     #[error("the cameras were triggered {skew:?} apart, more than {limit:?}, {times} times")]

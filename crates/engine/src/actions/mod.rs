@@ -22,6 +22,7 @@ use beampose_plan::{Action, Step};
 pub(crate) use self::fault::Fault;
 use crate::Bench;
 use crate::bench::Readable;
+use crate::interlock::Lit;
 use crate::observe::{Notice, Observers};
 use crate::operator::Operator;
 use crate::safe_state::{Cause, switch_off};
@@ -40,7 +41,7 @@ pub(crate) struct Situation {
     /// Cameras armed and not yet triggered.
     pub(crate) armed: BTreeSet<InstrumentName>,
     /// Lasers that are on.
-    pub(crate) lit: BTreeSet<InstrumentName>,
+    pub(crate) lit: Lit,
     /// What each instrument read last.
     pub(crate) last: BTreeMap<InstrumentName, f64>,
     /// What the operator answered.
@@ -107,7 +108,10 @@ impl Journal<'_> {
     pub(crate) fn note_event(&mut self, event: Event) {
         let kind = event.kind;
         match kind {
-            EventKind::LaserUnknown | EventKind::StepFailed | EventKind::StoreFailed => {
+            EventKind::LaserUnknown
+            | EventKind::InterlockTripped
+            | EventKind::StepFailed
+            | EventKind::StoreFailed => {
                 tracing::warn!(?kind, "{}", event.message);
             }
             _ => tracing::info!(?kind, "{}", event.message),

@@ -9,6 +9,7 @@ use beampose_plan::policy::{Band, Condition, Holds};
 use super::{Runner, Surroundings};
 use crate::actions::Fault;
 use crate::bench::Readable;
+use crate::interlock::is_closed;
 use crate::machine::Lasers;
 use crate::resume::restoration;
 use crate::safe_state::Cause;
@@ -40,14 +41,17 @@ impl Runner<'_> {
     }
 
     /// Waits for a condition; `None` where somebody wished to stop.
-    async fn suspend(&mut self, condition: &Condition, why: &str) -> Option<Result<(), Fault>> {
+    pub(super) async fn suspend(
+        &mut self,
+        condition: &Condition,
+        why: &str,
+    ) -> Option<Result<(), Fault>> {
         let clock = self.around.clock;
         let (began, give_up) = (clock.now().monotonic, condition.give_up.duration());
         self.journal.note(EventKind::Suspended, format!("waiting for {}: {why}", condition.what));
         let dark = matches!(condition.what, Holds::Interlock { .. });
-        if dark && self.secure(&Cause::Suspended(why.to_owned())).await != Lasers::Off {
-            let why = format!("{why}, and a laser may be on");
-            return Some(Err(Fault::Condition { why, within: Duration::ZERO }));
+        if dark && let Err(fault) = self.darken(why).await {
+            return Some(Err(fault));
         }
         let (mut why, mut holds_since) = (why.to_owned(), None);
         loop {
@@ -69,6 +73,10 @@ impl Runner<'_> {
                 Err(not) => (why, holds_since) = (not, None),
             }
         }
+        // A laser that has latched its open contact lets go when it is told off with it closed.
+        if dark && let Err(fault) = self.darken(&why).await {
+            return Some(Err(fault));
+        }
         if dark && !self.restore(restoration(self.steps, &self.done)).await {
             let why = "what the steps rely on could not be re-established".to_owned();
             return Some(Err(Fault::Condition { why, within: give_up }));
@@ -80,6 +88,14 @@ impl Runner<'_> {
         let message = format!("{} again, after {waited:.1} s", condition.what);
         self.journal.note(EventKind::Released, message);
         Some(Ok(()))
+    }
+
+    async fn darken(&mut self, why: &str) -> Result<(), Fault> {
+        if self.secure(&Cause::Suspended(why.to_owned())).await == Lasers::Off {
+            return Ok(());
+        }
+        let why = format!("{why}, and a laser may be on");
+        Err(Fault::Condition { why, within: Duration::ZERO })
     }
 
     /// Whether something holds; why not, for people.
@@ -95,15 +111,8 @@ impl Runner<'_> {
             },
             Holds::Interlock { laser } => {
                 let found = bench.laser(laser).map_err(|error| error.to_string())?;
-                let Some(interlock) = found.interlock() else { return Ok(()) };
-                match within(clock, LOOK, interlock.is_closed()).await {
-                    Ok(Ok(true)) => Ok(()),
-                    Ok(Ok(false)) => Err(format!("the interlock of {laser} is open")),
-                    Ok(Err(error)) => Err(format!("the interlock of {laser}: {error}")),
-                    Err(limit) => {
-                        Err(format!("the interlock of {laser}: no answer within {limit:?}"))
-                    }
-                }
+                let closed = is_closed(found, LOOK, clock).await;
+                closed.map_err(|why| format!("the interlock of {laser} {why}"))
             }
         }
     }

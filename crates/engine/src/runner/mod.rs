@@ -15,7 +15,7 @@ use beampose_core::{
     Stamp, StepNumber, StepRecord,
 };
 use beampose_plan::{Rules, Section, Step};
-use futures::future::join_all;
+use futures::future::{Either, join_all, select};
 use tracing::Instrument as _;
 
 use crate::actions::{Fault, Journal, Situation};
@@ -138,7 +138,14 @@ async fn follow(
     around.observers.tell(&Notice::Opened(Arc::new(header.clone())));
     let following = async {
         let mut runner = Runner::new(steps, header, earlier, around);
-        let outcome = runner.follow_machine().await;
+        let lit = runner.situation.lit.clone();
+        let outcome = {
+            let watch = std::pin::pin!(lit.watch(around.bench, around.clock));
+            match select(std::pin::pin!(runner.follow_machine()), watch).await {
+                Either::Left((outcome, _)) => outcome,
+                Either::Right((never, _)) => match never {},
+            }
+        };
         if runner.summary.lasers == Lasers::Off {
             guard.disarm();
         }
@@ -301,6 +308,7 @@ impl<'a> Runner<'a> {
     async fn secure(&mut self, cause: &Cause) -> Lasers {
         let Surroundings { bench, clock, .. } = *self.around;
         let unsettled = self.unsettled();
+        self.hear_of_lasers();
         let (lasers, events) = secure(bench, unsettled, clock, cause).await;
         for event in events {
             self.journal.note_event(event);
@@ -308,6 +316,13 @@ impl<'a> Runner<'a> {
         self.situation.lit.clear();
         self.summary.lasers = lasers;
         lasers
+    }
+
+    /// Puts into the journal what befell lasers that were on.
+    fn hear_of_lasers(&mut self) {
+        for event in self.situation.lit.take_events() {
+            self.journal.note_event(event);
+        }
     }
 
     fn unsettled(&mut self) -> Unsettled {
@@ -320,6 +335,7 @@ impl<'a> Runner<'a> {
 
     async fn close(mut self, outcome: SessionOutcome) -> Result<RunSummary, EngineError> {
         let Surroundings { sink, clock, .. } = *self.around;
+        self.hear_of_lasers();
         self.journal.note(EventKind::Closed, format!("session closed: {}", outcome.as_str()));
         let at = clock.now();
         (self.summary.outcome, self.summary.closed) = (outcome, at);

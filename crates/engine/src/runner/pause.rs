@@ -67,7 +67,6 @@ impl Runner<'_> {
         }
         let now = std::mem::replace(&mut self.situation, known);
         self.situation.moving = now.moving;
-        self.situation.lit = now.lit;
         true
     }
 

@@ -5,12 +5,13 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use beampose_core::{EventKind, Missing, Stamp, StepOutcome, StepRecord};
-use beampose_plan::policy::{OnError, RunIf};
+use beampose_plan::policy::{Condition, Holds, OnError, RunIf};
 use beampose_plan::{Action, Section, Step};
 use futures::future::{Either, select};
 
 use super::{Runner, Surroundings};
 use crate::actions::{Acquired, Doing, Fault};
+use crate::interlock::Trip;
 use crate::machine::{Input, Lasers};
 use crate::safe_state::{Cause, settle};
 use crate::{Notice, Wish};
@@ -127,6 +128,14 @@ impl Runner<'_> {
                 Some(Err(fault)) => fault,
                 None => return self.interrupted(),
             };
+            if let Fault::Interlock(trip) = &fault {
+                match self.went_dark(step, trip, &fault).await {
+                    Verdict::End(ended) => return ended,
+                    // What it had acquired is done anew, as after a pause.
+                    Verdict::TryAgain => *acquired = Acquired::default(),
+                }
+                continue;
+            }
             match self.judge(step, &fault, tries, missing).await {
                 Verdict::End(ended) => return ended,
                 Verdict::TryAgain => tries += 1,
@@ -205,6 +214,31 @@ impl Runner<'_> {
                 ends(Ended::Failed { reason })
             }
         }
+    }
+
+    /// What becomes of a step whose light was put out by its interlock: the run waits where the plan
+    /// has a condition for that, pauses where the step's policy says so, and ends otherwise. Neither
+    /// a retry nor passing the step over is a reason for light to come back.
+    async fn went_dark(&mut self, step: &Step, trip: &Trip, fault: &Fault) -> Verdict {
+        self.hear_of_lasers();
+        let reason = fault.to_string();
+        let is_main = step.section == Section::Main;
+        let of_it = |it: &&Condition| matches!(&it.what, Holds::Interlock { laser } if *laser == trip.laser);
+        let condition = self.around.rules.conditions.iter().find(of_it).filter(|_| is_main);
+        if let Some(condition) = condition {
+            return match self.suspend(condition, &reason).await {
+                Some(Ok(())) => Verdict::TryAgain,
+                Some(Err(given_up)) => Verdict::End(Ended::Failed { reason: given_up.to_string() }),
+                None => Verdict::End(self.interrupted()),
+            };
+        }
+        if is_main && step.policy.on_error == OnError::Pause {
+            let message = format!("step {}, {step}: {reason}", step.number);
+            self.journal.note(EventKind::StepFailed, message.clone());
+            self.around.control.request(Wish::PauseNow, &message);
+            return Verdict::End(self.interrupted());
+        }
+        Verdict::End(Ended::Failed { reason })
     }
 
     /// Leaves nothing in doubt behind a failed try; false where that cannot be had.
@@ -288,6 +322,12 @@ impl Runner<'_> {
         let max_skew = rules.max_skew.duration();
         let (situation, journal) = (&mut self.situation, &mut self.journal);
         let limit = step.deadline.duration();
+        let lit = situation.lit.clone();
+        // A laser that is to be off is told so, whatever befell it.
+        let needs_light = !matches!(step.action, Action::LaserOff { .. });
+        if needs_light && let Some(trip) = lit.trip() {
+            return Some(Err(Fault::Interlock(trip)));
+        }
         let doing = Doing {
             step,
             bench,
@@ -300,15 +340,20 @@ impl Runner<'_> {
             until,
             limit,
         };
-        let urgency = match (can_be_interrupted(step), step.section) {
-            (false, _) => return Some(doing.perform().await),
-            (true, Section::Main) => Wish::PauseNow,
-            (true, Section::Finally) => Wish::Halt,
-        };
-        let performing = std::pin::pin!(doing.perform());
-        match select(performing, std::pin::pin!(control.reaches(urgency))).await {
+        let wished = std::pin::pin!(async {
+            match (can_be_interrupted(step), step.section) {
+                (false, _) => std::future::pending().await,
+                (true, Section::Main) => control.reaches(Wish::PauseNow).await,
+                (true, Section::Finally) => control.reaches(Wish::Halt).await,
+            }
+        });
+        let tripped = std::pin::pin!(async {
+            if needs_light { lit.tripped().await } else { std::future::pending().await }
+        });
+        match select(std::pin::pin!(doing.perform()), select(wished, tripped)).await {
             Either::Left((ended, _)) => Some(ended),
-            Either::Right(((), _)) => None,
+            Either::Right((Either::Left(_), _)) => None,
+            Either::Right((Either::Right((trip, _)), _)) => Some(Err(Fault::Interlock(trip))),
         }
     }
 

@@ -60,6 +60,10 @@ pub enum Fault {
     FailsAtFirst(u32),
     /// Its interlock is open from the first second to the second.
     InterlockOpen(u64, u64),
+    /// A laser whose interlock never answers.
+    ContactHangs,
+    /// A laser without an interlock.
+    NoContact,
     /// A sensor that reads one more from the first second to the second.
     ReadsHigh(u64, u64),
     /// A camera whose trigger goes out 80 ms late so many times.
@@ -91,6 +95,7 @@ pub struct Fake {
     fault: Fault,
     state: Mutex<(Emission, f64)>,
     calls: AtomicU32,
+    looks: Arc<AtomicU32>,
 }
 
 impl Fake {
@@ -98,7 +103,8 @@ impl Fake {
         let fault = lab.faults.get(name).copied().unwrap_or_default();
         let state = Mutex::new((Emission::Off, 0.0));
         let (log, clock, calls) = (lab.log.clone(), lab.clock.clone(), AtomicU32::new(0));
-        Self { name, log, clock, fault, state, calls }
+        let looks = Arc::clone(&lab.looks);
+        Self { name, log, clock, fault, state, calls, looks }
     }
 
     fn is_between(&self, from: u64, to: u64) -> bool {
@@ -208,7 +214,7 @@ impl Laser for Fake {
     }
 
     fn interlock(&self) -> Option<&dyn Interlock> {
-        Some(self)
+        (self.fault != Fault::NoContact).then_some(self as &dyn Interlock)
     }
 
     fn off_without_waiting(&self) {
@@ -221,6 +227,10 @@ impl Laser for Fake {
 #[async_trait]
 impl Interlock for Fake {
     async fn is_closed(&self) -> Result<bool, InstrumentError> {
+        self.looks.fetch_add(1, Ordering::Relaxed);
+        if self.fault == Fault::ContactHangs {
+            std::future::pending::<()>().await;
+        }
         Ok(!matches!(self.fault, Fault::InterlockOpen(from, to) if self.is_between(from, to)))
     }
 }
@@ -319,6 +329,8 @@ impl RunSink for Memory {
 pub struct Lab {
     pub clock: VirtualClock,
     pub log: Log,
+    /// How often interlocks were asked.
+    pub looks: Arc<AtomicU32>,
     pub faults: BTreeMap<&'static str, Fault>,
     pub sink: Memory,
     pub observers: Observers,
@@ -340,6 +352,7 @@ impl Lab {
             clock: VirtualClock::starting_at(jiff::Timestamp::UNIX_EPOCH),
             sink: Memory { log: log.clone(), ..Memory::default() },
             log,
+            looks: Arc::default(),
             faults: BTreeMap::new(),
             observers: Observers::none(),
             control: Control::new(),

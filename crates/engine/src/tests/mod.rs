@@ -3,6 +3,7 @@
 mod acquiring;
 mod ending;
 pub(crate) mod fakes;
+mod interlock;
 mod lasers;
 mod machine;
 mod onlookers;

@@ -259,14 +259,15 @@ fn a_condition_that_never_holds_is_given_up_and_finally_runs() {
 }
 
 #[test]
-fn while_an_interlock_is_open_the_laser_is_off_and_then_on_again() {
-    let mut lab = Lab::with_fault("laser", Fault::InterlockOpen(10, 60));
+fn while_an_interlock_is_open_nothing_is_lit() {
+    let mut lab = Lab::with_fault("laser", Fault::InterlockOpen(0, 60));
     lab.rules.conditions = vec![condition(Holds::Interlock { laser: "laser".into() })];
-    let steps = plan([laser_on(), wait(10.0), capture("p000")], []);
+    let steps = plan([laser_on(), capture("p000")], []);
     assert_eq!(lab.outcome(&steps), SessionOutcome::Completed);
-    let (first, taken) = (lab.log.place("laser emit"), lab.log.place("cam_a arm"));
-    let between = &lab.log.lines()[first + 1..taken];
-    assert_eq!(between, ["stored 1", "stored 2", "laser off", "laser emit"]);
+    let lit = lab.log.place("laser emit");
+    // At the start, when the run begins to wait, and when it goes on.
+    assert_eq!(lab.log.lines()[..lit], ["laser off", "laser off", "laser off"]);
+    assert!(lab.record(1).started.monotonic.as_secs() >= 60);
 }
 
 #[test]

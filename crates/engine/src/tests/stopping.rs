@@ -11,7 +11,10 @@ use crate::{Control, EngineError, Wish};
 
 /// Somebody who decides, a little after a wish was heard of. A virtual clock stands still while
 /// somebody decides, so this takes a thread of its own.
-fn decide(lab: &Lab, decision: impl FnOnce(&Control) + Send + 'static) -> JoinHandle<()> {
+pub(super) fn decide(
+    lab: &Lab,
+    decision: impl FnOnce(&Control) + Send + 'static,
+) -> JoinHandle<()> {
     let control = lab.control.clone();
     std::thread::spawn(move || {
         while control.wish().is_none() {
