@@ -111,7 +111,7 @@ impl Runner<'_> {
             },
             Holds::Interlock { laser } => {
                 let found = bench.laser(laser).map_err(|error| error.to_string())?;
-                let closed = is_closed(found, LOOK, clock).await;
+                let closed = is_closed(found, clock).await;
                 closed.map_err(|why| format!("the interlock of {laser} {why}"))
             }
         }

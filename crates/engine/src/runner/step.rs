@@ -121,7 +121,7 @@ impl Runner<'_> {
             self.journal.note(EventKind::Skipped, message);
             return Ended::Skipped;
         }
-        let mut tries = 0;
+        let (mut tries, mut first_trip) = (0, None);
         loop {
             let fault = match self.perform(step, self.around.clock.now(), acquired).await {
                 Some(Ok(())) => return Ended::Done,
@@ -129,7 +129,8 @@ impl Runner<'_> {
                 None => return self.interrupted(),
             };
             if let Fault::Interlock(trip) = &fault {
-                match self.went_dark(step, trip, &fault).await {
+                let since = *first_trip.get_or_insert(self.around.clock.now().monotonic);
+                match self.went_dark(step, trip, since).await {
                     Verdict::End(ended) => return ended,
                     // What it had acquired is done anew, as after a pause.
                     Verdict::TryAgain => *acquired = Acquired::default(),
@@ -218,14 +219,20 @@ impl Runner<'_> {
 
     /// What becomes of a step whose light was put out by its interlock: the run waits where the plan
     /// has a condition for that, pauses where the step's policy says so, and ends otherwise. Neither
-    /// a retry nor passing the step over is a reason for light to come back.
-    async fn went_dark(&mut self, step: &Step, trip: &Trip, fault: &Fault) -> Verdict {
+    /// a retry nor passing the step over is a reason for light to come back; and where it goes out
+    /// again and again, the condition's patience counts `since` the first time.
+    async fn went_dark(&mut self, step: &Step, trip: &Trip, since: Duration) -> Verdict {
         self.hear_of_lasers();
-        let reason = fault.to_string();
+        let reason = Fault::Interlock(trip.clone()).to_string();
         let is_main = step.section == Section::Main;
         let of_it = |it: &&Condition| matches!(&it.what, Holds::Interlock { laser } if *laser == trip.laser);
         let condition = self.around.rules.conditions.iter().find(of_it).filter(|_| is_main);
         if let Some(condition) = condition {
+            let spent = self.around.clock.now().monotonic.saturating_sub(since);
+            if spent > condition.give_up.duration() {
+                let reason = format!("{reason}, again and again within {spent:?}");
+                return Verdict::End(Ended::Failed { reason });
+            }
             return match self.suspend(condition, &reason).await {
                 Some(Ok(())) => Verdict::TryAgain,
                 Some(Err(given_up)) => Verdict::End(Ended::Failed { reason: given_up.to_string() }),

@@ -60,6 +60,8 @@ pub enum Fault {
     FailsAtFirst(u32),
     /// Its interlock is open from the first second to the second.
     InterlockOpen(u64, u64),
+    /// A laser whose interlock opens whenever it emits.
+    LooseContact,
     /// A laser whose interlock never answers.
     ContactHangs,
     /// A laser without an interlock.
@@ -231,7 +233,13 @@ impl Interlock for Fake {
         if self.fault == Fault::ContactHangs {
             std::future::pending::<()>().await;
         }
-        Ok(!matches!(self.fault, Fault::InterlockOpen(from, to) if self.is_between(from, to)))
+        let emits = self.state.lock().unwrap().0 == Emission::On;
+        let is_open = match self.fault {
+            Fault::InterlockOpen(from, to) => self.is_between(from, to),
+            Fault::LooseContact => emits,
+            _ => false,
+        };
+        Ok(!is_open)
     }
 }
 

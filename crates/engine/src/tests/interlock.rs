@@ -72,17 +72,36 @@ fn neither_a_retry_nor_passing_over_brings_light_back() {
     }
 }
 
-#[test]
-fn where_the_plan_waits_for_the_contact_the_step_is_done_anew() {
-    let mut lab = opening(60);
-    lab.rules.conditions = vec![Condition {
+/// Waits for the contact to hold for three seconds, up to ten minutes.
+fn waits_for_the_contact() -> Condition {
+    Condition {
         what: Holds::Interlock { laser: "laser".into() },
         hold_for: Second(3.0),
         settle: Second(2.0),
         // Not looked at again of itself.
         every: Second(3600.0),
         give_up: Second(600.0),
-    }];
+    }
+}
+
+#[test]
+fn a_contact_that_opens_whenever_light_comes_ends_the_run_after_all() {
+    let mut lab = Lab::with_fault("laser", Fault::LooseContact);
+    lab.rules.conditions = vec![waits_for_the_contact()];
+    let mut steps = plan([laser_on(), wait(50.0), capture("p000")], []);
+    steps[1].deadline = Second(100.0);
+    assert_eq!(lab.outcome(&steps), SessionOutcome::Error);
+    let tried = lab.record(2);
+    let StepOutcome::Failed { reason } = &tried.outcome else { panic!("{:?}", tried.outcome) };
+    assert!(reason.contains("again and again"), "{reason}");
+    assert!((600..660).contains(&tried.finished.monotonic.as_secs()), "{:?}", tried.finished);
+    assert_eq!(lab.run_ended_dark(), Some(true));
+}
+
+#[test]
+fn where_the_plan_waits_for_the_contact_the_step_is_done_anew() {
+    let mut lab = opening(60);
+    lab.rules.conditions = vec![waits_for_the_contact()];
     let mut steps = plan([laser_on(), wait(50.0), capture("p000")], []);
     steps[1].deadline = Second(100.0);
     assert_eq!(lab.outcome(&steps), SessionOutcome::Completed);
