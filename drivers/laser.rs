@@ -16,7 +16,7 @@
 //! - On that nobody commanded is a fault, and is switched off.
 //!
 //! No software is an interlock: this one reads and reports it. Nothing here runs by itself: who has
-//! a laser on must ask for its emission or contact twice a second.
+//! a laser on must ask for its emission or contact twice a second, as the engine does.
 
 pub(crate) mod diode;
 mod guarded;

@@ -170,8 +170,12 @@ impl Responder {
                 served
             }
             kind::INIT_EVENT if first.number(0) == self.connection.load(Ordering::SeqCst) => {
-                write(&mut stream, kind::INIT_EVENT_ACK, &[])?;
-                *lock(&self.events) = Some(stream.try_clone()?);
+                {
+                    // Known before the client hears of it: a release may follow at once.
+                    let mut events = lock(&self.events);
+                    *events = Some(stream.try_clone()?);
+                    write(&mut stream, kind::INIT_EVENT_ACK, &[])?;
+                }
                 while let Some(packet) = Packet::read(&mut stream, &ended)? {
                     if packet.kind == kind::PROBE {
                         write(&mut stream, kind::PROBE_ANSWER, &[])?;

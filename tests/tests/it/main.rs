@@ -3,6 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests stop the test")]
 
+mod interlock;
 mod layering;
 mod reading_code;
 mod tidy;
