@@ -115,7 +115,7 @@ impl Lit {
     }
 
     async fn look(&self, name: InstrumentName, laser: &dyn Laser, clock: &dyn Clock) {
-        let Err(why) = is_closed(laser, ANSWER, clock).await else { return };
+        let Err(why) = is_closed(laser, clock).await else { return };
         {
             let mut state = self.state();
             // Told off while it was asked: whatever it said, there is no light.
@@ -146,13 +146,9 @@ fn with_contacts<'a>(
 }
 
 /// Whether a laser's contact is closed, or it has none; why not, to follow "its interlock".
-pub(crate) async fn is_closed(
-    laser: &dyn Laser,
-    limit: Duration,
-    clock: &dyn Clock,
-) -> Result<(), String> {
+pub(crate) async fn is_closed(laser: &dyn Laser, clock: &dyn Clock) -> Result<(), String> {
     let Some(interlock) = laser.interlock() else { return Ok(()) };
-    match within(clock, limit, interlock.is_closed()).await {
+    match within(clock, ANSWER, interlock.is_closed()).await {
         Ok(Ok(true)) => Ok(()),
         Ok(Ok(false)) => Err("was open".to_owned()),
         Ok(Err(error)) => Err(format!("could not be read ({error})")),

@@ -4,12 +4,15 @@ use std::time::Duration;
 
 use beampose_core::clock::within;
 use beampose_core::{EventKind, Quantity};
-use beampose_plan::policy::{Band, Condition, Holds};
+use beampose_plan::policy::{Band, Condition, Holds, OnError};
+use beampose_plan::{Section, Step};
 
+use super::step::{Ended, Verdict};
 use super::{Runner, Surroundings};
+use crate::Wish;
 use crate::actions::Fault;
 use crate::bench::Readable;
-use crate::interlock::is_closed;
+use crate::interlock::{Trip, is_closed};
 use crate::machine::Lasers;
 use crate::resume::restoration;
 use crate::safe_state::Cause;
@@ -90,6 +93,31 @@ impl Runner<'_> {
         Some(Ok(()))
     }
 
+    /// What becomes of a step whose light was put out by its interlock: the run waits where the plan
+    /// has a condition for that, pauses where the step's policy says so, and ends otherwise. Neither
+    /// a retry nor passing the step over is a reason for light to come back.
+    pub(super) async fn went_dark(&mut self, step: &Step, trip: &Trip, fault: &Fault) -> Verdict {
+        self.hear_of_lasers();
+        let reason = fault.to_string();
+        let is_main = step.section == Section::Main;
+        let of_it = |it: &&Condition| matches!(&it.what, Holds::Interlock { laser } if *laser == trip.laser);
+        let condition = self.around.rules.conditions.iter().find(of_it).filter(|_| is_main);
+        if let Some(condition) = condition {
+            return match self.suspend(condition, &reason).await {
+                Some(Ok(())) => Verdict::TryAgain,
+                Some(Err(given_up)) => Verdict::End(Ended::Failed { reason: given_up.to_string() }),
+                None => Verdict::End(self.interrupted()),
+            };
+        }
+        if is_main && step.policy.on_error == OnError::Pause {
+            let message = format!("step {}, {step}: {reason}", step.number);
+            self.journal.note(EventKind::StepFailed, message.clone());
+            self.around.control.request(Wish::PauseNow, &message);
+            return Verdict::End(self.interrupted());
+        }
+        Verdict::End(Ended::Failed { reason })
+    }
+
     async fn darken(&mut self, why: &str) -> Result<(), Fault> {
         if self.secure(&Cause::Suspended(why.to_owned())).await == Lasers::Off {
             return Ok(());
@@ -111,7 +139,7 @@ impl Runner<'_> {
             },
             Holds::Interlock { laser } => {
                 let found = bench.laser(laser).map_err(|error| error.to_string())?;
-                let closed = is_closed(found, LOOK, clock).await;
+                let closed = is_closed(found, clock).await;
                 closed.map_err(|why| format!("the interlock of {laser} {why}"))
             }
         }

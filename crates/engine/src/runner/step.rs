@@ -5,13 +5,12 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use beampose_core::{EventKind, Missing, Stamp, StepOutcome, StepRecord};
-use beampose_plan::policy::{Condition, Holds, OnError, RunIf};
+use beampose_plan::policy::{OnError, RunIf};
 use beampose_plan::{Action, Section, Step};
 use futures::future::{Either, select};
 
 use super::{Runner, Surroundings};
 use crate::actions::{Acquired, Doing, Fault};
-use crate::interlock::Trip;
 use crate::machine::{Input, Lasers};
 use crate::safe_state::{Cause, settle};
 use crate::{Notice, Wish};
@@ -20,8 +19,12 @@ use crate::{Notice, Wish};
 /// slews by far less.
 const CLOCK_SET: Duration = Duration::from_secs(1);
 
+/// How often light may come back in one step after its interlock put it out, where the plan waits for
+/// that: a contact that opens again and again is broken.
+const RELIGHTS: u32 = 3;
+
 /// How a step ended.
-enum Ended {
+pub(super) enum Ended {
     Done,
     PassedOver { reason: String },
     Failed { reason: String },
@@ -30,7 +33,7 @@ enum Ended {
 }
 
 /// What is made of a fault.
-enum Verdict {
+pub(super) enum Verdict {
     TryAgain,
     End(Ended),
 }
@@ -121,7 +124,7 @@ impl Runner<'_> {
             self.journal.note(EventKind::Skipped, message);
             return Ended::Skipped;
         }
-        let mut tries = 0;
+        let (mut tries, mut dark) = (0, 0);
         loop {
             let fault = match self.perform(step, self.around.clock.now(), acquired).await {
                 Some(Ok(())) => return Ended::Done,
@@ -129,6 +132,11 @@ impl Runner<'_> {
                 None => return self.interrupted(),
             };
             if let Fault::Interlock(trip) = &fault {
+                dark += 1;
+                if dark > RELIGHTS {
+                    self.hear_of_lasers();
+                    return Ended::Failed { reason: fault.to_string() };
+                }
                 match self.went_dark(step, trip, &fault).await {
                     Verdict::End(ended) => return ended,
                     // What it had acquired is done anew, as after a pause.
@@ -143,7 +151,7 @@ impl Runner<'_> {
         }
     }
 
-    fn interrupted(&self) -> Ended {
+    pub(super) fn interrupted(&self) -> Ended {
         Ended::Interrupted(self.around.control.wish().map_or(Wish::Abort, |(wish, _)| wish))
     }
 
@@ -214,31 +222,6 @@ impl Runner<'_> {
                 ends(Ended::Failed { reason })
             }
         }
-    }
-
-    /// What becomes of a step whose light was put out by its interlock: the run waits where the plan
-    /// has a condition for that, pauses where the step's policy says so, and ends otherwise. Neither
-    /// a retry nor passing the step over is a reason for light to come back.
-    async fn went_dark(&mut self, step: &Step, trip: &Trip, fault: &Fault) -> Verdict {
-        self.hear_of_lasers();
-        let reason = fault.to_string();
-        let is_main = step.section == Section::Main;
-        let of_it = |it: &&Condition| matches!(&it.what, Holds::Interlock { laser } if *laser == trip.laser);
-        let condition = self.around.rules.conditions.iter().find(of_it).filter(|_| is_main);
-        if let Some(condition) = condition {
-            return match self.suspend(condition, &reason).await {
-                Some(Ok(())) => Verdict::TryAgain,
-                Some(Err(given_up)) => Verdict::End(Ended::Failed { reason: given_up.to_string() }),
-                None => Verdict::End(self.interrupted()),
-            };
-        }
-        if is_main && step.policy.on_error == OnError::Pause {
-            let message = format!("step {}, {step}: {reason}", step.number);
-            self.journal.note(EventKind::StepFailed, message.clone());
-            self.around.control.request(Wish::PauseNow, &message);
-            return Verdict::End(self.interrupted());
-        }
-        Verdict::End(Ended::Failed { reason })
     }
 
     /// Leaves nothing in doubt behind a failed try; false where that cannot be had.

@@ -60,6 +60,8 @@ pub enum Fault {
     FailsAtFirst(u32),
     /// Its interlock is open from the first second to the second.
     InterlockOpen(u64, u64),
+    /// A laser whose interlock opens whenever it has been on for a moment.
+    InterlockFlutters,
     /// A laser whose interlock never answers.
     ContactHangs,
     /// A laser without an interlock.
@@ -230,6 +232,9 @@ impl Interlock for Fake {
         self.looks.fetch_add(1, Ordering::Relaxed);
         if self.fault == Fault::ContactHangs {
             std::future::pending::<()>().await;
+        }
+        if self.fault == Fault::InterlockFlutters {
+            return Ok(self.state.lock().unwrap().0 == Emission::Off);
         }
         Ok(!matches!(self.fault, Fault::InterlockOpen(from, to) if self.is_between(from, to)))
     }

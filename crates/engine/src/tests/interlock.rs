@@ -98,6 +98,21 @@ fn where_the_plan_waits_for_the_contact_the_step_is_done_anew() {
 }
 
 #[test]
+fn a_contact_that_opens_again_and_again_ends_the_run() {
+    let mut lab = Lab::with_fault("laser", Fault::InterlockFlutters);
+    lab.rules.conditions = vec![Condition {
+        what: Holds::Interlock { laser: "laser".into() },
+        hold_for: Second(0.0),
+        settle: Second(0.0),
+        every: Second(3600.0),
+        give_up: Second(600.0),
+    }];
+    assert_eq!(lab.outcome(&plan([laser_on(), wait(50.0)], [])), SessionOutcome::Error);
+    // At first, three times within the step.
+    assert_eq!(lab.log.lines().iter().filter(|line| *line == "laser emit").count(), 4);
+}
+
+#[test]
 fn where_the_step_pauses_on_errors_a_person_lets_light_come_back() {
     let lab = opening(12);
     let operator = decide(&lab, |control| control.go_on());
