@@ -168,10 +168,11 @@ impl Patch {
     /// One, and the place.
     fn fill_ground(&self, view: &View, ground: &mut [Vec<f32>]) {
         let width = self.columns.len();
-        for i in 0..self.greys.len() {
-            ground[0][i] = 1.0;
-            ground[1][i] = ((self.columns.start + i % width) as f64 - view.centre.x) as f32;
-            ground[2][i] = ((self.rows.start + i / width) as f64 - view.centre.y) as f32;
+        let [one, across, down] = ground else { return };
+        for (i, ((one, across), down)) in one.iter_mut().zip(across).zip(down).enumerate() {
+            *one = 1.0;
+            *across = ((self.columns.start + i % width) as f64 - view.centre.x) as f32;
+            *down = ((self.rows.start + i / width) as f64 - view.centre.y) as f32;
         }
     }
 
