@@ -11,6 +11,9 @@ use crate::image::GrayImage;
 /// Rays from the centre along which the edge is traced.
 const RAYS: usize = 32;
 
+/// An area of less than half so many pixels is small: a pixel matters.
+const SMALL: f64 = 3.0;
+
 /// The half-way level between disc and ground, and on which side of it the disc is.
 #[derive(Debug, Clone, Copy)]
 struct Threshold {
@@ -50,9 +53,11 @@ pub(super) struct Blob {
 }
 
 impl Blob {
-    /// Whether another chord led to the same area, to the pixels of the walks.
+    /// Whether another chord led to the same area, to the pixels of the walks. Small areas have few
+    /// chords, and a pixel beside the middle their rays go astray.
     pub(super) fn is_same(&self, other: &Self) -> bool {
-        (self.centre - other.centre).amax() < 1.3 && (self.half - other.half).amax() < 1.3
+        let near = if self.half.min() < SMALL { 0.35 * self.half.min() } else { 1.3 };
+        (self.centre - other.centre).amax() < near && (self.half - other.half).amax() < near
     }
 }
 
@@ -68,13 +73,16 @@ pub(super) fn blob(image: &GrayImage, chord: &Chord, options: &TargetOptions) ->
     }
     let threshold = Threshold::between(disc, ground);
     let mut centre = [chord.x.round() as usize, chord.y as usize];
-    let mut half = Vector2::zeros();
+    let (mut half, mut middle) = (Vector2::zeros(), Vector2::zeros());
     for axis in [1, 0, 1] {
         let [first, last] = walk(image, centre, axis, options, threshold)?;
         centre[axis] = usize::midpoint(first, last);
+        middle[axis] = 0.5 * (first + last) as f64;
         half[axis] = 0.5 * (last + 1 - first) as f64;
     }
-    let centre = Vector2::new(centre[0] as f64, centre[1] as f64);
+    // Whole pixels are middle enough, but for small areas.
+    let whole = Vector2::new(centre[0] as f64, centre[1] as f64);
+    let centre = if half.min() < SMALL { middle } else { whole };
     let threshold = threshold_around(image, &centre, &half, options)?;
     (half.min() > 0.7 * options.min_semi_axis).then_some(Blob { centre, half, threshold })
 }
@@ -131,7 +139,7 @@ fn walk(
             return None;
         }
     }
-    let quiet = (QUIET * (last + 1 - first) as f64) as usize + 1;
+    let quiet = ((QUIET * (last + 1 - first) as f64).round() as usize).max(1);
     // What the border cuts off of the quiet zone disturbs nothing.
     let is_loud = |at: Option<usize>| at.is_some_and(|at| at < size && is_inside(at));
     let is_quiet = !is_loud(Some(last + quiet)) && !is_loud(first.checked_sub(quiet));

@@ -57,7 +57,7 @@ impl<'a> ChordScan<'a> {
         Self {
             image,
             options,
-            row_step: (options.min_semi_axis.floor() as usize).max(1),
+            row_step: (options.min_semi_axis.round() as usize).max(1),
             least: (5.5 * noise).max(0.4 * options.min_contrast).clamp(4.0, 250.0) as u8,
             edges: Vec::new(),
             blocks: Vec::new(),

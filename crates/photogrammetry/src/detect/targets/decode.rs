@@ -13,7 +13,7 @@ use crate::scene::{RING_BITS, canonical_code};
 
 const SECTORS: usize = RING_BITS as usize;
 /// Directions per sector.
-const PER_SECTOR: usize = 10;
+pub(super) const PER_SECTOR: usize = 10;
 const DIRECTIONS: usize = SECTORS * PER_SECTOR;
 /// Radii on which the ring is read, in radii of the disc; it reaches from 2 to 3.
 const RING_RADII: [f64; 3] = [2.3, 2.5, 2.7];
@@ -85,7 +85,7 @@ pub(super) fn read(
 }
 
 /// Unit vectors around the circle, from x towards y.
-const UNIT: [[f64; 2]; DIRECTIONS] = unit_vectors();
+pub(super) const UNIT: [[f64; 2]; DIRECTIONS] = unit_vectors();
 
 /// By the series of sine and cosine: 40 terms leave 1e-13 of a whole turn.
 const fn unit_vectors() -> [[f64; 2]; DIRECTIONS] {

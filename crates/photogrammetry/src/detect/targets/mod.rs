@@ -2,8 +2,9 @@
 //!
 //! Chords of discs are found on every few rows ([`chords`]); an ellipse ([`ellipse`]) goes through
 //! points of the edge ([`candidates`]); the blurred edge itself is then fitted to the pixels
-//! ([`edge_fit`]); the ring is read through the ellipse's affine map ([`decode`]). A code that is
-//! not clear is refused. Not corrected here: the eccentricity of circle images and lens distortion.
+//! ([`edge_fit`]); the ring is read through the ellipse's affine map ([`decode`]). Where a small disc
+//! is not read so, the whole print is fitted and its blur undone ([`unmix`], [`pattern`]). A code that
+//! is not clear is refused. Not corrected here: the eccentricity of circle images and lens distortion.
 
 mod band;
 mod candidates;
@@ -11,8 +12,10 @@ mod chords;
 mod decode;
 mod edge_fit;
 mod ellipse;
+mod pattern;
 #[cfg(test)]
 mod tests;
+mod unmix;
 
 use std::ops::Range;
 
@@ -35,11 +38,16 @@ const TRIED_KEPT: usize = 128;
 /// noise of a tenth of its contrast leave a hundredth of the radius.
 const PLAIN: f64 = 0.015;
 
+/// Smallest semi-axis of a disc whose sectors are read one by one, pixels: below it they blur into one
+/// another.
+const LEAST_DISTINCT: f64 = 2.5;
+
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TargetOptions {
-    /// Smallest semi-axis of the centre disc's image, pixels. Default 2.5: the ring's sectors are
-    /// then that wide, and below it they blur into one another.
+    /// Smallest semi-axis of the centre disc's image, pixels. Default 1.8: a disc of
+    /// radius 4 tilted by 60 degrees has 2. The ring's sectors are hardly wider, and below it no fit
+    /// tells them apart.
     pub min_semi_axis: f64,
     /// Largest semi-axis, pixels. Default 48.
     pub max_semi_axis: f64,
@@ -55,7 +63,7 @@ pub struct TargetOptions {
 impl Default for TargetOptions {
     fn default() -> Self {
         Self {
-            min_semi_axis: 2.5,
+            min_semi_axis: 1.8,
             max_semi_axis: 48.0,
             max_axis_ratio: 2.6,
             min_contrast: 20.0,
@@ -83,7 +91,14 @@ pub(super) struct TargetScan<'a> {
 impl<'a> TargetScan<'a> {
     /// `noise` is that of the background, grey levels.
     pub(super) fn new(image: &'a GrayImage, noise: f64, options: &'a TargetOptions) -> Self {
-        let search = Search { image, options, targets: Vec::new(), tried: Vec::new() };
+        let search = Search {
+            image,
+            noise,
+            options,
+            targets: Vec::new(),
+            tried: Vec::new(),
+            unclear: Vec::new(),
+        };
         Self { chords: ChordScan::new(image, noise, options), search }
     }
 
@@ -95,26 +110,28 @@ impl<'a> TargetScan<'a> {
 
     /// The targets of all bands.
     pub(super) fn finish(self) -> Vec<Target> {
-        self.search.targets
+        self.search.finish()
     }
 }
 
 /// What was found so far.
 struct Search<'a> {
     image: &'a GrayImage,
+    /// Of the background, grey levels.
+    noise: f64,
     options: &'a TargetOptions,
     targets: Vec<Target>,
     /// Areas that were looked at, targets or not: every disc has many chords.
     tried: Vec<Blob>,
+    /// Discs around which something is that was not read at once.
+    unclear: Vec<Ellipse>,
 }
 
 impl Search<'_> {
     /// Measures what is around a chord, unless it was before.
     fn look(&mut self, chord: &Chord) {
         let place = Vector2::new(chord.x, chord.y);
-        // Rings do not overlap: nothing is looked for on that of a plain target.
-        let radii = |target: &Target| if doubt(target) < PLAIN { 3.0 } else { 1.0 };
-        if self.targets.iter().any(|target| target.covers(&place, radii(target))) {
+        if self.is_taken(&place) {
             return;
         }
         let Some(blob) = candidates::blob(self.image, chord, self.options) else { return };
@@ -122,11 +139,31 @@ impl Search<'_> {
             return;
         }
         self.tried.push(blob);
-        if let Some(ellipse) = candidates::trace(self.image, &blob, self.options)
-            && let Some(target) = measure(self.image, &ellipse, self.options)
-        {
+        let Some(ellipse) = candidates::trace(self.image, &blob, self.options) else { return };
+        if let Some(target) = measure(self.image, &ellipse, self.options) {
             keep(&mut self.targets, target);
+        } else if unmix::may_be_target(self.image, &ellipse, self.options) {
+            self.unclear.push(ellipse);
         }
+    }
+
+    /// Whether a place is on a target: rings do not overlap, so nothing is looked for on that of a
+    /// plain target.
+    fn is_taken(&self, place: &Vector2<f64>) -> bool {
+        let radii = |target: &Target| if doubt(target) < PLAIN { 3.0 } else { 1.0 };
+        self.targets.iter().any(|target| target.covers(place, radii(target)))
+    }
+
+    /// Reads what was not clear at once, and is on no target that was.
+    fn finish(mut self) -> Vec<Target> {
+        for ellipse in std::mem::take(&mut self.unclear) {
+            if !self.is_taken(&ellipse.centre)
+                && let Some(target) = unmix::read(self.image, &ellipse, self.noise, self.options)
+            {
+                keep(&mut self.targets, target);
+            }
+        }
+        self.targets
     }
 }
 
@@ -220,7 +257,8 @@ fn measure(image: &GrayImage, ellipse: &Ellipse, options: &TargetOptions) -> Opt
         return None;
     }
     let EdgeFit { ellipse, levels, covariance } = edge_fit::fit(image, ellipse)?;
-    if !is_wanted(&ellipse, levels.contrast(), options) {
+    let is_distinct = ellipse.semi_axes()[1] >= LEAST_DISTINCT;
+    if !is_distinct || !is_wanted(&ellipse, levels.contrast(), options) {
         return None;
     }
     let code = decode::read(image, &ellipse, &levels, options.code_margin)?;

@@ -272,3 +272,103 @@ fn pictures_without_targets_give_none() {
     let canvas = Canvas::new(160, 160, 30.0).spots(&spots, 0.4, 5.0, &mut Normal::new(2));
     assert!(find(canvas, 4.0, 3).is_empty());
 }
+
+/// What is read of a picture of targets that blur or tilt makes hard, and how many are not.
+#[track_caller]
+fn check_hard(radius: f64, tilt: f64, blur: f64, least: usize) {
+    let codes = usable_codes();
+    for levels in [[60.0, 160.0], [160.0, 60.0]] {
+        let kind = Print { levels, tilt: tilt.to_radians(), ..Print::dark([0.0; 2], 0, radius) };
+        let (image, prints) = target_cell(kind, blur, &codes);
+        let found = find_targets(&image, &TargetOptions::default());
+        let mut squares = 0.0;
+        for target in &found {
+            let is_here = |print: &&Print| target.covers(&Vector2::from(print.at), 0.5);
+            let print = prints.iter().find(is_here).unwrap();
+            assert_eq!(target.code, canonical_code(print.code));
+            squares += square_error(target, print.at);
+        }
+        assert!(found.len() >= least, "radius {radius} tilt {tilt} blur {blur}: {}", found.len());
+        // The mean of n squares has the standard deviation 2 / sqrt(n); four of them.
+        let (mean, count) = (squares / found.len() as f64, found.len() as f64);
+        assert!((mean - 2.0).abs() < 8.0 / count.sqrt(), "{radius} {tilt} {blur}: {mean}");
+    }
+}
+
+#[test]
+fn small_targets_are_read_though_tilt_or_blur_mixes_their_sectors() {
+    check_hard(4.0, 0.0, 1.5, 97);
+    check_hard(4.0, 60.0, 0.7, 90);
+    check_hard(6.0, 60.0, 1.5, 97);
+}
+
+#[test]
+fn small_rings_of_another_width_are_refused_or_read_as_what_they_are() {
+    let (pitch, across) = (40.0, 20);
+    let mut tried = 0;
+    for seed in 0..12 {
+        let mut normal = Normal::new(900 + seed);
+        let (radius, blur) = (normal.uniform(3.0, 6.0), normal.uniform(0.6, 1.6));
+        let (inner, outer) = [(1.5, 2.0), (2.5, 3.5), (2.0, 2.4)][seed as usize % 3];
+        let rings: Vec<(u16, f64)> = (0..across * across)
+            .map(|_| (normal.uniform(0.0, 4096.0) as u16, normal.uniform(0.5, 1.0)))
+            .collect();
+        tried += rings.len();
+        let index = |x: f64, y: f64| (y / pitch) as usize * across + (x / pitch) as usize;
+        let size = (across as f64 * pitch) as usize;
+        let canvas = Canvas::new(size, size, 160.0).map(|x, y, level| {
+            let (bits, squeeze) = rings[index(x, y)];
+            let from_middle = |at: f64| at % pitch - 0.5 * pitch;
+            let (u, v) = (from_middle(x), from_middle(y) / squeeze);
+            let far = u.hypot(v) / radius;
+            let turn = v.atan2(u) / std::f64::consts::TAU + 0.5;
+            let is_dark = ring_sectors(bits)[((12.0 * turn) as usize).min(11)];
+            let is_ring = (inner..outer).contains(&far) && is_dark;
+            if far < 1.0 || is_ring { 60.0 } else { level }
+        });
+        let found = find(canvas.blur(blur), 4.0, seed);
+        // A single mark beside a disc can pass for a code of one sector, which nobody prints.
+        for target in found.iter().filter(|target| is_usable_code(target.code)) {
+            let (bits, _) = rings[index(target.point.at.x, target.point.at.y)];
+            assert_eq!(target.code, canonical_code(bits), "{inner} {outer} {radius} {blur}");
+        }
+    }
+    assert!(tried > 4000);
+}
+
+#[test]
+fn small_sectors_between_dark_and_light_never_make_a_code() {
+    let codes = usable_codes();
+    let mut normal = Normal::new(23);
+    let (pitch, radius) = (32.0, 4.0);
+    let place = |k: usize| (k as f64 + 0.5) * pitch;
+    let prints: Vec<Print> = (0..400)
+        .map(|i| {
+            let at = [place(i % 20), place(i / 20)];
+            Print { turn: i as f64, ..Print::dark(at, codes[13 * i % codes.len()], radius) }
+        })
+        .collect();
+    let other: Vec<Print> = prints
+        .iter()
+        .enumerate()
+        .map(|(i, print)| Print { code: print.code ^ 1 << (i % 12), ..*print })
+        .collect();
+    let size = (20.0 * pitch) as usize;
+    let draw = |prints: &[Print]| Canvas::new(size, size, 180.0).prints(prints).values().to_vec();
+    let (one, two) = (draw(&prints), draw(&other));
+    let parts: Vec<f64> = (0..400).map(|_| normal.uniform(0.2, 0.8)).collect();
+    let canvas = Canvas::new(size, size, 0.0).map(|x, y, _| {
+        let i = y as usize * size + x as usize;
+        let part = parts[(y / pitch) as usize * 20 + (x / pitch) as usize];
+        one[i] + part * (two[i] - one[i])
+    });
+    for target in find(canvas.blur(1.3), 3.0, 4) {
+        let at = [target.point.at.x, target.point.at.y].map(|at| (at / pitch) as usize);
+        let index = at[1] * 20 + at[0];
+        // Nearer to one code than the margin and the noise allow it to be read as another.
+        let nearer = if parts[index] < 0.5 { prints[index].code } else { other[index].code };
+        assert_eq!(target.code, canonical_code(nearer), "{}", parts[index]);
+        // The margin of 0.3 and three standard uncertainties of 0.05 beyond it.
+        assert!((parts[index] - 0.5).abs() > 0.05, "{}", parts[index]);
+    }
+}
