@@ -332,8 +332,8 @@ the end, or the session says that it is unknown and to be taken for on. Written 
 `fault_matrix`; a change of behaviour shows here.
 
 `late_answer` is 3 s: within the deadline of a step, but too late for a camera, whose capture is
-taken again. A black picture is a picture: solving says that it shows no dots. A picture that
-the disk damaged after its step was stored is found when it is read back to be solved: the pose does
+taken again, and for an interlock, which then counts as open. A black picture is a picture: solving
+says that it shows no dots. A picture that the disk damaged after its step was stored is found when it is read back to be solved: the pose does
 without it, the program says which it is and ends with exit code 4, and `beampose sessions verify`
 says so ever after; nothing else is lost.
 
