@@ -314,7 +314,7 @@ the end, or the session says that it is unknown and to be taken for on. Written 
 `fault_matrix`; a change of behaviour shows here.
 
 `late_answer` is 3 s: within the deadline of a step, but too late for a camera, whose capture is
-taken again. A black picture is a picture: solving says that it shows no dots. Pictures that were
+taken again, and for an interlock, which then counts as open. A black picture is a picture: solving says that it shows no dots. Pictures that were
 damaged in the database are found by `beampose sessions verify`.
 
 ";
