@@ -1,7 +1,7 @@
 //! A Zaber stage.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
@@ -27,6 +27,8 @@ const SPEED: f64 = 1.6384;
 pub struct Zaber {
     line: Party,
     next_id: AtomicU8,
+    /// How often it was told to stop.
+    stops: AtomicU32,
     clock: Arc<dyn Clock>,
     device: u32,
     axis: u32,
@@ -39,6 +41,7 @@ pub(super) fn connect(setting: Setting) -> Result<Connected, InstrumentError> {
     Ok(Connected::Axis(Arc::new(Zaber {
         line: setting.line()?,
         next_id: AtomicU8::new(0),
+        stops: AtomicU32::new(0),
         device: setting.options.whole("device", 1, 99)?,
         axis: setting.options.whole("axis", 1, 9)?,
         steps_per_unit: setting.options.positive("steps_per_unit")?,
@@ -147,6 +150,7 @@ impl Instrument for Zaber {
 impl Axis for Zaber {
     async fn move_to(&self, target: f64) -> Result<(), InstrumentError> {
         self.travel.reaches(target)?;
+        let stops = self.stops.load(Ordering::SeqCst);
         let before = self.ask("").await?;
         if protocol::has_no_reference(&before.warning) {
             return Err(InstrumentError::Refused(NOT_HOMED.to_owned()));
@@ -164,12 +168,15 @@ impl Axis for Zaber {
             }
             _ => {}
         }
-        // A second stop, or another client, may have taken the flag back that says so.
-        let at = self.steps().await? / self.steps_per_unit;
-        if flag == protocol::INTERRUPTED || (at - target).abs() > ARRIVED {
-            let unit = self.travel.symbol();
-            let why = format!("stopped at {at:.3} {unit} on the way to {target} {unit}");
-            return Err(InstrumentError::Refused(why));
+        // A stop is said twice, and the second takes the flag of the first back.
+        let is_flagged = flag == protocol::INTERRUPTED;
+        if is_flagged || self.stops.load(Ordering::SeqCst) != stops {
+            let at = self.steps().await? / self.steps_per_unit;
+            if is_flagged || (at - target).abs() > ARRIVED {
+                let unit = self.travel.symbol();
+                let why = format!("stopped at {at:.3} {unit} on the way to {target} {unit}");
+                return Err(InstrumentError::Refused(why));
+            }
         }
         Ok(())
     }
@@ -180,6 +187,7 @@ impl Axis for Zaber {
     }
 
     async fn stop(&self) -> Result<(), InstrumentError> {
+        self.stops.fetch_add(1, Ordering::SeqCst);
         // At once, whoever waits for an answer now: its own answer has a number that nobody waits for.
         let stop = protocol::command(self.device, self.axis, self.id(), "stop");
         self.line.send_without_waiting(&stop);
