@@ -46,6 +46,10 @@ const UNEVEN: f64 = 0.03;
 const MAX_STEPS: usize = 20;
 /// Steps after which most of the misfit must be gone.
 const FIRST_STEPS: usize = 3;
+/// How far a sector may then be from disc or ground, as a part of the contrast.
+const FIRST_DEPARTURE: f64 = 0.5;
+/// Changes around the ring of a code that serves.
+const LEAST_CHANGES: usize = 4;
 /// A step that changes the sum of squares by less than this part is the last.
 const CONVERGED: f64 = 1e-4;
 /// Largest rms residual of a start and of the end, as a part of the contrast.
@@ -176,7 +180,7 @@ impl Fit {
         let mut damping: f64 = 1e-3;
         let mut sums = self.sums();
         for count in 0..MAX_STEPS {
-            if count == FIRST_STEPS && self.misfit() > MOST_MISFIT {
+            if count >= FIRST_STEPS && !self.is_promising() {
                 return None;
             }
             let mut damped = sums.normal;
@@ -201,6 +205,18 @@ impl Fit {
             }
         }
         None
+    }
+
+    /// Whether this may yet become a print: most of the misfit is gone, every sector is on its way to
+    /// disc or ground, and there are changes around the ring.
+    fn is_promising(&self) -> bool {
+        let parts: [f64; SECTORS] =
+            std::array::from_fn(|i| self.greys[DISC + 1 + i] / self.greys[DISC]);
+        let is_near =
+            |part: &f64| (part - f64::from(u8::from(*part > 0.5))).abs() < FIRST_DEPARTURE;
+        let changes =
+            (0..SECTORS).filter(|&i| (parts[i] > 0.5) != (parts[(i + 1) % SECTORS] > 0.5)).count();
+        self.misfit() < MOST_MISFIT && changes >= LEAST_CHANGES && parts.iter().all(is_near)
     }
 
     fn sums(&self) -> Sums {
