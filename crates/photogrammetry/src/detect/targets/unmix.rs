@@ -4,7 +4,7 @@
 //!
 //! A code is read only if every sector comes out plainly dark or light, many of its standard
 //! uncertainties from the middle; what is left over must be small. Otherwise it is refused: where
-//! blur and noise leave a sector a tenth of the contrast of doubt, the margin between codes is gone.
+//! blur and noise leave a sector a seventh of the contrast of doubt, the margin between codes is gone.
 
 use nalgebra::{Matrix2, Rotation2, SMatrix, SVector, Vector2};
 
