@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use beampose_store::{PoseRow, Processing, SolutionRow};
 use serde_json::Value;
 
-use crate::lab::{Ended, Lab, plan, signal, solutions};
+use crate::lab::{Ended, Lab, plan, replaced, rig, solutions};
 
 /// A folder with so many sessions of four captures, each in another world.
 fn lab_with(sessions: u32) -> Lab {
@@ -347,19 +347,30 @@ fn a_session_that_cannot_be_read_does_not_keep_the_others_from_being_solved() {
 }
 
 #[cfg(unix)]
+/// Takes one capture, and is then there for an hour of real time: however slow the test is.
+const WAITS: &str = "
+version: 1
+title: Waits
+experiment: acquisition
+steps:
+  - capture: {cameras: all}
+  - wait: 1 h
+";
+
 #[test]
 fn a_session_that_runs_is_left_to_its_run() {
     let lab = lab_with(1);
-    let full = crate::lab::experiments().join("plans/translation-test.yaml");
+    let simulated = std::fs::read_to_string(rig()).unwrap();
+    lab.write_rig("slow", &replaced(&simulated, "clock: virtual", "clock: real"));
+    lab.write("slow.yaml", WAITS);
     let mut command = lab.command();
-    command.arg("run").arg(full).args(["--picture-scale", crate::lab::SCALE]);
+    command.args(["run", "slow.yaml", "--rig", "rigs/slow.yaml"]);
+    command.args(["--picture-scale", crate::lab::SCALE]);
     let mut run = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let listed = || lab.beampose(&["sessions", "--json"]).json_lines();
-    while listed().last().unwrap()["captures"].as_u64() < Some(1) || listed().len() < 2 {
+    while listed().len() < 2 || listed().last().unwrap()["captures"].as_u64() < Some(1) {
         std::thread::sleep(Duration::from_millis(20));
     }
-    // It pauses at the next checkpoint: however slow this test is, the run is still there.
-    signal(&run, "INT");
     let holder = format!("is being run by process {}", run.id());
     let refused = lab.beampose(&["solve", "latest"]).expect_code(2);
     let all = lab.beampose(&["solve", "--all"]).expect_code(0);
