@@ -8,4 +8,5 @@ mod lasers;
 mod machine;
 mod onlookers;
 mod policies;
+mod steps;
 mod stopping;

@@ -115,33 +115,46 @@ fn a_sector_that_is_neither_dark_nor_light_is_refused() {
     assert!(find(canvas.blur(0.7), 2.0, 4).is_empty());
 }
 
+/// Prints in rows, one sector of each on the way from one code to another.
+struct Between {
+    prints: Vec<Print>,
+    other: Vec<Print>,
+    canvas: Canvas,
+    size: usize,
+}
+
+impl Between {
+    /// `side` by `side` prints; `parts` is how far each is on its way.
+    fn drawn(side: usize, pitch: f64, radius: f64, parts: &[f64]) -> Self {
+        let codes = usable_codes();
+        let place = |k: usize| (k as f64 + 0.5) * pitch;
+        let print = |i: usize| {
+            let at = [place(i % side), place(i / side)];
+            Print { turn: i as f64, ..Print::dark(at, codes[13 * i % codes.len()], radius) }
+        };
+        let prints: Vec<Print> = (0..side * side).map(print).collect();
+        let changed =
+            |(i, print): (usize, &Print)| Print { code: print.code ^ 1 << (i % 12), ..*print };
+        let other: Vec<Print> = prints.iter().enumerate().map(changed).collect();
+        let size = (side as f64 * pitch) as usize;
+        let draw =
+            |prints: &[Print]| Canvas::new(size, size, 180.0).prints(prints).values().to_vec();
+        let (one, two) = (draw(&prints), draw(&other));
+        let canvas = Canvas::new(size, size, 0.0).map(|x, y, _| {
+            let i = y as usize * size + x as usize;
+            let part = parts[(y / pitch) as usize * side + (x / pitch) as usize];
+            one[i] + part * (two[i] - one[i])
+        });
+        Self { prints, other, canvas, size }
+    }
+}
+
 #[test]
 fn a_sector_between_dark_and_light_never_makes_a_code() {
-    let codes = usable_codes();
-    let mut normal = Normal::new(17);
-    let (pitch, radius) = (60.0, 8.0);
-    let place = |k: usize| (k as f64 + 0.5) * pitch;
-    let prints: Vec<Print> = (0..100)
-        .map(|i| {
-            let at = [place(i % 10), place(i / 10)];
-            Print { turn: i as f64, ..Print::dark(at, codes[13 * i % codes.len()], radius) }
-        })
-        .collect();
-    let other: Vec<Print> = prints
-        .iter()
-        .enumerate()
-        .map(|(i, print)| Print { code: print.code ^ 1 << (i % 12), ..*print })
-        .collect();
-    let size = (10.0 * pitch) as usize;
-    let draw = |prints: &[Print]| Canvas::new(size, size, 180.0).prints(prints).values().to_vec();
-    let (one, two) = (draw(&prints), draw(&other));
     // One sector of each is 0.38 to 0.62 of the way: beyond the margin of 0.3 even with noise.
+    let mut normal = Normal::new(17);
     let parts: Vec<f64> = (0..100).map(|_| normal.uniform(0.38, 0.62)).collect();
-    let canvas = Canvas::new(size, size, 0.0).map(|x, y, _| {
-        let i = y as usize * size + x as usize;
-        let part = parts[(y / pitch) as usize * 10 + (x / pitch) as usize];
-        one[i] + part * (two[i] - one[i])
-    });
+    let Between { prints, canvas, size, .. } = Between::drawn(10, 60.0, 8.0, &parts);
     assert!(find(canvas.blur(0.7), 3.0, 4).is_empty());
     // Without the change all are read: it is the sector that is refused.
     let canvas = Canvas::new(size, size, 180.0).prints(&prints);
@@ -338,31 +351,14 @@ fn small_rings_of_another_width_are_refused_or_read_as_what_they_are() {
 
 #[test]
 fn small_sectors_between_dark_and_light_never_make_a_code() {
-    let codes = usable_codes();
     let mut normal = Normal::new(23);
-    let (pitch, radius) = (32.0, 4.0);
-    let place = |k: usize| (k as f64 + 0.5) * pitch;
-    let prints: Vec<Print> = (0..400)
-        .map(|i| {
-            let at = [place(i % 20), place(i / 20)];
-            Print { turn: i as f64, ..Print::dark(at, codes[13 * i % codes.len()], radius) }
-        })
-        .collect();
-    let other: Vec<Print> = prints
-        .iter()
-        .enumerate()
-        .map(|(i, print)| Print { code: print.code ^ 1 << (i % 12), ..*print })
-        .collect();
-    let size = (20.0 * pitch) as usize;
-    let draw = |prints: &[Print]| Canvas::new(size, size, 180.0).prints(prints).values().to_vec();
-    let (one, two) = (draw(&prints), draw(&other));
+    let pitch = 32.0;
     let parts: Vec<f64> = (0..400).map(|_| normal.uniform(0.2, 0.8)).collect();
-    let canvas = Canvas::new(size, size, 0.0).map(|x, y, _| {
-        let i = y as usize * size + x as usize;
-        let part = parts[(y / pitch) as usize * 20 + (x / pitch) as usize];
-        one[i] + part * (two[i] - one[i])
-    });
-    for target in find(canvas.blur(1.3), 3.0, 4) {
+    let Between { prints, other, canvas, .. } = Between::drawn(20, pitch, 4.0, &parts);
+    let found = find(canvas.blur(1.3), 3.0, 4);
+    // Where the sector is far enough on its way they are read: the rest is about these.
+    assert!(found.len() >= 30, "{}", found.len());
+    for target in found {
         let at = [target.point.at.x, target.point.at.y].map(|at| (at / pitch) as usize);
         let index = at[1] * 20 + at[0];
         // Nearer to one code than the margin and the noise allow it to be read as another.
