@@ -107,7 +107,7 @@ pub enum StoreError {
         /// What was being done.
         doing: String,
         /// What the database says.
-        source: sqlx::Error,
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
 }
 
@@ -132,16 +132,43 @@ pub(crate) fn failed_to(doing: impl Into<String>) -> impl FnOnce(sqlx::Error) ->
         let reason = source
             .as_database_error()
             .map_or_else(|| source.to_string(), |error| error.message().to_owned());
-        match sqlite_code(&source) {
-            // SQLITE_BUSY, SQLITE_LOCKED
-            Some(5 | 6) => StoreError::Busy { doing },
-            // SQLITE_IOERR, SQLITE_FULL
-            Some(10 | 13) => StoreError::Disk { doing, reason },
-            // SQLITE_CORRUPT, SQLITE_NOTADB
-            Some(11 | 26) => StoreError::Damaged { what: "the database".to_owned(), reason },
-            // SQLITE_READONLY, SQLITE_TOOBIG, SQLITE_CONSTRAINT
-            Some(8 | 18 | 19) => StoreError::Refused { doing, reason },
-            _ => StoreError::Database { doing, source },
+        by_code(doing, sqlite_code(&source), reason, source.into())
+    }
+}
+
+/// [`failed_to`] for the connection of the steps.
+pub(crate) fn step_failed_to(doing: &str, source: rusqlite::Error) -> StoreError {
+    let (code, reason) = match &source {
+        rusqlite::Error::SqliteFailure(failure, text) => {
+            let code = u32::try_from(failure.extended_code & 0xff).ok();
+            (code, text.clone().unwrap_or_else(|| failure.to_string()))
         }
+        other => (None, other.to_string()),
+    };
+    by_code(doing.to_owned(), code, reason, source.into())
+}
+
+/// The thread that writes steps is not there, for a reason of the system.
+pub(crate) fn without_thread(doing: &str, reason: String) -> StoreError {
+    let source = format!("the thread that writes steps: {reason}").into();
+    StoreError::Database { doing: doing.to_owned(), source }
+}
+
+fn by_code(
+    doing: String,
+    code: Option<u32>,
+    reason: String,
+    source: Box<dyn std::error::Error + Send + Sync>,
+) -> StoreError {
+    match code {
+        // SQLITE_BUSY, SQLITE_LOCKED
+        Some(5 | 6) => StoreError::Busy { doing },
+        // SQLITE_IOERR, SQLITE_FULL
+        Some(10 | 13) => StoreError::Disk { doing, reason },
+        // SQLITE_CORRUPT, SQLITE_NOTADB
+        Some(11 | 26) => StoreError::Damaged { what: "the database".to_owned(), reason },
+        // SQLITE_READONLY, SQLITE_TOOBIG, SQLITE_CONSTRAINT
+        Some(8 | 18 | 19) => StoreError::Refused { doing, reason },
+        _ => StoreError::Database { doing, source },
     }
 }

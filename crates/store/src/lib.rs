@@ -4,9 +4,9 @@
 //! photogrammetry: solutions come and go as JSON and plain rows. What a simulation knows in secret
 //! goes through [`truth`] and nowhere else.
 //!
-//! One connection writes, a few read: SQLite has one writer at a time anyway, and so a session's
-//! step never waits for a reader. Every write is one durable transaction (WAL with
-//! `synchronous=FULL`): it is on the disk when the call returns.
+//! One connection writes, another the steps of a run in turn with it, a few read: SQLite has one
+//! writer at a time anyway, and so a session's step never waits for a reader. Every write is one
+//! durable transaction (WAL with `synchronous=FULL`): it is on the disk when the call returns.
 //!
 //! To add a table: a new file in `migrations/`, rows in [`rows`], reads and writes in one module.
 
@@ -58,7 +58,7 @@ pub use transfer::Transferred;
 #[derive(Debug, Clone)]
 pub struct Store {
     path: PathBuf,
-    /// One connection, so that writes queue here instead of failing as busy.
+    /// One at a time, so that writes queue here instead of failing as busy.
     writer: Writer,
     readers: SqlitePool,
 }

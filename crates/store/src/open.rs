@@ -84,7 +84,7 @@ async fn in_turn(path: &Path, options: SqliteConnectOptions) -> Result<Writer, S
             Err(StoreError::Busy { .. }) if Instant::now() < end => {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
-            connected => return connected.map(Writer::new),
+            connected => return connected.map(|connection| Writer::new(path, connection)),
         }
     }
 }

@@ -92,7 +92,7 @@ impl Store {
 
     async fn save_step(&self, session: SessionId, record: &StepRecord) -> Result<(), StoreError> {
         let doing = "store a step";
-        let mut rows = Rows { batch: Batch::new(), session: session.to_string(), doing };
+        let mut rows = Rows { batch: Batch::default(), session: session.to_string(), doing };
         rows.step(record);
         for (instrument, reading) in &record.readings {
             rows.reading(record.number, instrument, reading);

@@ -1,9 +1,10 @@
-//! The one connection that writes.
+//! The one connection that writes, and the one beside it for the steps of a run, in turn.
 //!
 //! Not a pool of one: a pool asks a connection whether it is still there each time that it lends it
 //! and takes it back, which for a step of a run was a third of all work.
 
 use std::ops::{Deref, DerefMut};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -11,6 +12,7 @@ use std::time::Duration;
 use sqlx::{Connection as _, SqliteConnection};
 use tokio::sync::{Mutex, OwnedMappedMutexGuard, OwnedMutexGuard};
 
+use crate::batch::Batches;
 use crate::error::{StoreError, failed_to};
 
 /// How long a write waits for its turn. A verification or a deletion may take long; giving up
@@ -24,6 +26,7 @@ pub(crate) struct Writer(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     connection: Arc<Mutex<Option<SqliteConnection>>>,
+    batches: Batches,
     /// A transaction was given up and not yet rolled back.
     unfinished: AtomicBool,
 }
@@ -32,9 +35,15 @@ struct Inner {
 pub(crate) type Turn = OwnedMappedMutexGuard<Option<SqliteConnection>, SqliteConnection>;
 
 impl Writer {
-    pub(crate) fn new(connection: SqliteConnection) -> Self {
+    pub(crate) fn new(path: &Path, connection: SqliteConnection) -> Self {
         let connection = Arc::new(Mutex::new(Some(connection)));
-        Self(Arc::new(Inner { connection, unfinished: AtomicBool::new(false) }))
+        let batches = Batches::of(path);
+        Self(Arc::new(Inner { connection, batches, unfinished: AtomicBool::new(false) }))
+    }
+
+    /// Where a batch goes that has its turn.
+    pub(crate) fn batches(&self) -> &Batches {
+        &self.0.batches
     }
 
     /// Waits for its turn.
@@ -51,19 +60,14 @@ impl Writer {
         Ok(turn)
     }
 
-    /// Waits for its turn with a transaction that its own text begins and commits.
-    pub(crate) async fn unbegun(&self, doing: &str) -> Result<Write, StoreError> {
-        let turn = self.turn(doing).await?;
-        Ok(Write { turn, writer: self.clone(), finished: false })
-    }
-
-    /// Waits for what is under way and closes the connection.
+    /// Waits for what is under way and closes the connections.
     pub(crate) async fn close(&self) {
         if let Some(connection) = self.0.connection.lock().await.take()
             && let Err(error) = connection.close().await
         {
             tracing::warn!("the writing connection was not closed properly: {error}");
         }
+        self.0.batches.close().await;
     }
 }
 
@@ -77,17 +81,13 @@ pub(crate) struct Write {
 /// Begins a transaction that writes from its first statement on, so that it cannot fail later for
 /// want of the lock.
 pub(crate) async fn begin(writer: &Writer, doing: &str) -> Result<Write, StoreError> {
-    let mut write = writer.unbegun(doing).await?;
+    let turn = writer.turn(doing).await?;
+    let mut write = Write { turn, writer: writer.clone(), finished: false };
     sqlx::query("BEGIN IMMEDIATE").execute(&mut *write).await.map_err(failed_to(doing))?;
     Ok(write)
 }
 
 impl Write {
-    /// For one whose own text committed it.
-    pub(crate) fn finished(mut self) {
-        self.finished = true;
-    }
-
     /// Makes it durable: it is on the disk when this returns.
     pub(crate) async fn commit(mut self) -> Result<(), sqlx::Error> {
         sqlx::query("COMMIT").execute(&mut *self).await?;

@@ -1,5 +1,6 @@
 //! The store on a file of its own for each test.
 
+mod batches;
 mod calibrations;
 mod cut_short;
 mod keeping;
