@@ -52,6 +52,10 @@ impl Levels {
 pub(super) struct EdgeFit {
     pub(super) ellipse: Ellipse,
     pub(super) levels: Levels,
+    /// Standard deviation of the edge's blur, pixels.
+    pub(super) blur: f64,
+    /// Rms residual, grey levels.
+    pub(super) misfit: f64,
     /// Of the centre, square pixels.
     pub(super) covariance: Matrix2<f64>,
 }
@@ -123,6 +127,8 @@ fn finish(band: &Band, model: &Model, rough: &Ellipse) -> Option<EdgeFit> {
     (is_disc && covariance.trace() > 0.0).then_some(EdgeFit {
         ellipse: model.ellipse,
         levels: model.levels,
+        blur: model.blur,
+        misfit: noise,
         covariance: 0.5 * (covariance + covariance.transpose()),
     })
 }

@@ -28,6 +28,7 @@ use crate::image::GrayImage;
 use crate::scene::{RING_BITS, canonical_code, ring_sectors};
 use candidates::Blob;
 use chords::{Chord, ChordScan};
+use decode::Pardon;
 use edge_fit::EdgeFit;
 use ellipse::Ellipse;
 
@@ -41,6 +42,11 @@ const PLAIN: f64 = 0.015;
 /// Smallest semi-axis of a disc whose sectors are read one by one, pixels: below it they blur into one
 /// another.
 const LEAST_DISTINCT: f64 = 2.5;
+
+/// Largest rms residual of an edge in units of the background's noise, and as a part of the contrast:
+/// what prints and sharpening leave. The sectors of a ring are no ellipses by 0.13.
+const MOST_NOISE: f64 = 1.5;
+const MOST_UNLIKE: f64 = 0.06;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -140,7 +146,7 @@ impl Search<'_> {
         }
         self.tried.push(blob);
         let Some(ellipse) = candidates::trace(self.image, &blob, self.options) else { return };
-        if let Some(target) = measure(self.image, &ellipse, self.options) {
+        if let Some(target) = measure(self.image, &ellipse, self.noise, self.options) {
             keep(&mut self.targets, target);
         } else if unmix::may_be_target(self.image, &ellipse, self.options) {
             self.unclear.push(ellipse);
@@ -211,7 +217,8 @@ pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Ve
             return;
         }
         known.push(ellipse);
-        let Some(EdgeFit { ellipse, levels, covariance }) = edge_fit::fit(image, &ellipse) else {
+        let Some(EdgeFit { ellipse, levels, covariance, .. }) = edge_fit::fit(image, &ellipse)
+        else {
             return;
         };
         if is_wanted(&ellipse, levels.contrast(), options) {
@@ -251,17 +258,24 @@ pub fn usable_codes() -> Vec<u16> {
     (0..1 << RING_BITS).filter(|&code| is_usable_code(code)).collect()
 }
 
-/// Edge and code of a traced disc.
-fn measure(image: &GrayImage, ellipse: &Ellipse, options: &TargetOptions) -> Option<Target> {
+/// Edge and code of a traced disc; `noise` is that of the background, grey levels.
+fn measure(
+    image: &GrayImage,
+    ellipse: &Ellipse,
+    noise: f64,
+    options: &TargetOptions,
+) -> Option<Target> {
     if !decode::may_be_target(image, ellipse) {
         return None;
     }
-    let EdgeFit { ellipse, levels, covariance } = edge_fit::fit(image, ellipse)?;
+    let edge = edge_fit::fit(image, ellipse)?;
+    let EdgeFit { ellipse, levels, misfit, covariance, .. } = edge;
     let is_distinct = ellipse.semi_axes()[1] >= LEAST_DISTINCT;
-    if !is_distinct || !is_wanted(&ellipse, levels.contrast(), options) {
+    let is_ellipse = misfit < (MOST_NOISE * noise).hypot(MOST_UNLIKE * levels.contrast());
+    if !is_distinct || !is_ellipse || !is_wanted(&ellipse, levels.contrast(), options) {
         return None;
     }
-    let code = decode::read(image, &ellipse, &levels, options.code_margin)?;
+    let code = decode::read(image, &ellipse, &levels, Pardon::of(options.code_margin, &edge))?;
     let point = ImagePoint { at: ellipse.centre, covariance };
     Some(Target { code, point, semi_axes: ellipse.semi_axes(), angle: ellipse.angle() })
 }

@@ -368,3 +368,37 @@ fn small_sectors_between_dark_and_light_never_make_a_code() {
         assert!((parts[index] - 0.5).abs() > 0.05, "{}", parts[index]);
     }
 }
+
+/// Rings that share the size of ours and nothing else, and of which none may pass for one of ours:
+/// neither whole, nor one of their sectors as a disc among the others.
+#[test]
+fn rings_of_another_number_of_sectors_are_refused() {
+    let (radius, across) = (12.0, 12);
+    let pitch = 7.0 * radius;
+    for sectors in [8, 9, 10, 14, 16, 24] {
+        let mut normal = Normal::new(900 + sectors);
+        let count = sectors as f64;
+        let rings: Vec<(u32, f64, f64)> = (0..across * across)
+            .map(|_| {
+                let bits = normal.uniform(0.0, count.exp2()) as u32;
+                (bits, normal.uniform(0.5, 1.0), normal.uniform(0.0, 1.0))
+            })
+            .collect();
+        let index = |x: f64, y: f64| (y / pitch) as usize * across + (x / pitch) as usize;
+        let size = (across as f64 * pitch) as usize;
+        let canvas = Canvas::new(size, size, 160.0).map(|x, y, level| {
+            let (bits, squeeze, begin) = rings[index(x, y)];
+            let from_middle = |at: f64| at % pitch - 0.5 * pitch;
+            let (u, v) = (from_middle(x), from_middle(y) / squeeze);
+            let far = u.hypot(v) / radius;
+            let turn = (v.atan2(u) / std::f64::consts::TAU + 0.5 + begin).fract();
+            let is_dark = bits >> (count * turn) as u32 & 1 == 1;
+            let is_ring = (2.0..3.0).contains(&far) && is_dark;
+            if far < 1.0 || is_ring { 60.0 } else { level }
+        });
+        let found = find(canvas.blur(0.8), 3.0, 5);
+        // Eight sectors of one kind are a code that nobody prints.
+        let wrong: Vec<_> = found.iter().filter(|target| is_usable_code(target.code)).collect();
+        assert!(wrong.is_empty(), "{sectors} sectors: {wrong:?}");
+    }
+}
