@@ -12,6 +12,9 @@ const ROW_STEP: usize = 8;
 /// Every so many pixels of a sampled row.
 const COLUMN_STEP: usize = 4;
 
+/// Where only the typical noise is wanted, every so many rows of tiles are sampled.
+const FEWER: usize = 4;
+
 /// Background level and noise on a grid of tiles.
 pub(super) struct Background {
     columns: usize,
@@ -46,10 +49,14 @@ impl Background {
                 noise.push(noise_of_steps(&sample.step));
             }
         }
-        let mut sorted = noise.clone();
-        sorted.sort_by(f64::total_cmp);
-        let typical_noise = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let typical_noise = median(noise.clone());
         Self { columns, rows, level, noise, typical_noise }
+    }
+
+    /// What [`typical_noise`] measures.
+    pub(super) fn noise_of_fewer_rows(&self) -> f64 {
+        let rows = self.noise.chunks(self.columns).step_by(FEWER);
+        no_less_than_rounding(rows.flatten().copied().collect())
     }
 
     /// Background level and noise at a place, bilinear between the centres of tiles.
@@ -75,19 +82,28 @@ impl Background {
     }
 }
 
-/// Standard deviation of the background's noise alone, from fewer rows, grey levels; at least that
-/// of rounding.
+/// Standard deviation of the background's noise alone, from every fourth row of tiles, grey levels; at
+/// least that of rounding.
 pub(super) fn typical_noise(image: &GrayImage) -> f64 {
     let columns = image.width.div_ceil(TILE).max(1);
     let mut all = Vec::new();
     let mut samples = vec![Sample { level: [0; 256], step: [0; 256] }; columns];
-    for first in (0..image.height).step_by(4 * TILE) {
+    for first in (0..image.height).step_by(FEWER * TILE) {
         samples.fill(Sample { level: [0; 256], step: [0; 256] });
         sample_rows(image, first, &mut samples);
         all.extend(samples.iter().map(|sample| noise_of_steps(&sample.step)));
     }
+    no_less_than_rounding(all)
+}
+
+fn no_less_than_rounding(noise: Vec<f64>) -> f64 {
+    median(noise).max(12f64.sqrt().recip())
+}
+
+/// The upper one of two, zero of nothing.
+fn median(mut all: Vec<f64>) -> f64 {
     all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().unwrap_or(0.0).max(12f64.sqrt().recip())
+    all.get(all.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn lerp(a: f64, b: f64, part: f64) -> f64 {

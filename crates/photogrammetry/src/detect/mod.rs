@@ -39,7 +39,7 @@ pub fn find_dots_and_targets(
     target_options: &TargetOptions,
 ) -> (DotsFound, Vec<Target>) {
     let mut dots = dots::DotScan::new(image, dot_options);
-    let noise = background::typical_noise(image);
+    let noise = dots.background().noise_of_fewer_rows();
     let mut targets = targets::TargetScan::new(image, noise, target_options);
     for band in bands(image) {
         dots.look(band.clone());

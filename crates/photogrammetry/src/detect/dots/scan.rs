@@ -54,6 +54,11 @@ impl<'a> DotScan<'a> {
         }
     }
 
+    /// What was sampled.
+    pub(in crate::detect) fn background(&self) -> &Background {
+        &self.background
+    }
+
     /// Looks at a band; bands from top to bottom.
     pub(in crate::detect) fn look(&mut self, band: Range<usize>) {
         find_brightest(self.image, band.clone(), &mut self.brightest);

@@ -1,7 +1,7 @@
 //! From a chord to a disc: the area around it by walks along row and column, then a trace of its edge
 //! along rays.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::TargetOptions;
 use super::chords::{Chord, QUIET};
@@ -10,6 +10,14 @@ use crate::image::GrayImage;
 
 /// Rays from the centre along which the edge is traced.
 const RAYS: usize = 32;
+
+/// Largest semi-axis of a rough ellipse, in those of the largest target.
+const REACH: f64 = 1.1;
+
+/// Where a ring is looked for, in radii of a disc that blur may have shrunk, and the smallest part of
+/// the contrast by which it changes: 0.41 was the least of 900 small and blurred targets.
+const RING_RADII: [f64; 2] = [2.4, 2.8];
+const LEAST_CHANGE: f64 = 0.25;
 
 /// An area of less than half so many pixels is small: a pixel matters.
 const SMALL: f64 = 3.0;
@@ -146,30 +154,66 @@ fn walk(
     is_quiet.then_some([first, last])
 }
 
-/// The ellipse through the edge of an area, roughly.
-pub(super) fn trace(image: &GrayImage, blob: &Blob, options: &TargetOptions) -> Option<Ellipse> {
-    let reach = 1.1 * options.max_semi_axis;
+/// An area whose diameters are those of an ellipse.
+pub(super) struct Round {
+    blob: Blob,
+    /// Distances from its middle to its edge along every fourth ray; the others are zero.
+    lengths: [f64; RAYS],
+}
+
+/// Looks along every fourth ray: most areas are no ellipse, and these tell.
+pub(super) fn round(image: &GrayImage, blob: &Blob, options: &TargetOptions) -> Option<Round> {
     let mut lengths = [0.0; RAYS];
-    let length = |i: usize| ray(image, &blob.centre, &direction(i), 1.5 * reach, blob.threshold);
-    // Every fourth ray first: most areas are no ellipse, and these tell.
     for i in (0..RAYS).step_by(4) {
-        lengths[i] = length(i)?;
+        lengths[i] = ray(image, blob, i, options)?;
     }
-    if !is_round(std::array::from_fn(|i| lengths[4 * i])) {
-        return None;
+    is_round(std::array::from_fn(|i| lengths[4 * i])).then_some(Round { blob: *blob, lengths })
+}
+
+impl Round {
+    /// Whether something is dark and light in turns where a ring would be: not so around laser dots
+    /// on a plain wall, which most areas are.
+    pub(super) fn may_have_ring(&self, image: &GrayImage) -> bool {
+        let inverse: [f64; 4] = std::array::from_fn(|i| self.half_diameter(4 * i).powi(-2));
+        let mixed = 0.5 * (inverse[1] - inverse[3]);
+        let shape = Matrix2::new(inverse[0], mixed, mixed, inverse[2]);
+        let Some(ellipse) = Ellipse::valid(self.blob.centre, shape) else { return true };
+        let map = ellipse.map();
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for radius in RING_RADII {
+            for i in 0..RAYS {
+                let at = ellipse.centre + map * direction(i) * radius;
+                if let Some(value) = sample(image, at.x, at.y) {
+                    (low, high) = (low.min(value), high.max(value));
+                }
+            }
+        }
+        let Threshold { level, .. } = self.blob.threshold;
+        let disc = sample(image, ellipse.centre.x, ellipse.centre.y).unwrap_or(level);
+        high - low > LEAST_CHANGE * 2.0 * (disc - level).abs()
     }
-    for i in (0..RAYS).filter(|i| i % 4 != 0) {
-        lengths[i] = length(i)?;
+
+    fn half_diameter(&self, ray: usize) -> f64 {
+        0.5 * (self.lengths[ray] + self.lengths[ray + RAYS / 2])
     }
-    let points: [Vector2<f64>; RAYS] =
-        std::array::from_fn(|i| blob.centre + direction(i) * lengths[i]);
-    let ellipse = Ellipse::through(&points, blob.centre)?;
-    let [large, small] = ellipse.semi_axes();
-    let misfit =
-        points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
-    let allowed = 0.1 + 0.5 / small;
-    (large < reach && small > 0.7 * options.min_semi_axis && misfit.sqrt() < allowed)
-        .then_some(ellipse)
+
+    /// The ellipse through the edge, roughly.
+    pub(super) fn trace(&self, image: &GrayImage, options: &TargetOptions) -> Option<Ellipse> {
+        let mut lengths = self.lengths;
+        for i in (0..RAYS).filter(|i| i % 4 != 0) {
+            lengths[i] = ray(image, &self.blob, i, options)?;
+        }
+        let points: [Vector2<f64>; RAYS] =
+            std::array::from_fn(|i| self.blob.centre + direction(i) * lengths[i]);
+        let ellipse = Ellipse::through(&points, self.blob.centre)?;
+        let [large, small] = ellipse.semi_axes();
+        let misfit =
+            points.iter().map(|p| (ellipse.radius(p) - 1.0).powi(2)).sum::<f64>() / RAYS as f64;
+        let allowed = 0.1 + 0.5 / small;
+        let is_in_size =
+            large < REACH * options.max_semi_axis && small > 0.7 * options.min_semi_axis;
+        (is_in_size && misfit.sqrt() < allowed).then_some(ellipse)
+    }
 }
 
 /// Whether four diameters, 45 degrees apart, may be those of an ellipse: the inverse squares of two
@@ -208,10 +252,16 @@ fn direction(i: usize) -> Vector2<f64> {
 /// Parts of a pixel in which a ray counts its way.
 const FIXED: f64 = 65_536.0;
 
+/// Distance from the middle of an area to its edge along a ray, pixels.
+fn ray(image: &GrayImage, blob: &Blob, index: usize, options: &TargetOptions) -> Option<f64> {
+    let reach = 1.5 * REACH * options.max_semi_axis;
+    way_out(image, &blob.centre, &direction(index), reach, blob.threshold)
+}
+
 /// Distance from inside to the edge along a direction, pixels; `None` where there is none within
 /// reach or inside the picture. Whole pixels are looked at up to the edge, and its place is then
 /// interpolated.
-fn ray(
+fn way_out(
     image: &GrayImage,
     from: &Vector2<f64>,
     direction: &Vector2<f64>,

@@ -145,7 +145,9 @@ impl Search<'_> {
             return;
         }
         self.tried.push(blob);
-        let Some(ellipse) = candidates::trace(self.image, &blob, self.options) else { return };
+        let round = candidates::round(self.image, &blob, self.options);
+        let Some(round) = round.filter(|round| round.may_have_ring(self.image)) else { return };
+        let Some(ellipse) = round.trace(self.image, self.options) else { return };
         if let Some(target) = measure(self.image, &ellipse, self.noise, self.options) {
             keep(&mut self.targets, target);
         } else if unmix::may_be_target(self.image, &ellipse, self.options) {
@@ -212,7 +214,8 @@ pub(crate) fn find_plain_discs(image: &GrayImage, options: &TargetOptions) -> Ve
             return;
         }
         tried.push(blob);
-        let Some(ellipse) = candidates::trace(image, &blob, options) else { return };
+        let Some(round) = candidates::round(image, &blob, options) else { return };
+        let Some(ellipse) = round.trace(image, options) else { return };
         if known.iter().any(|other| other.square_radius(&ellipse.centre) < 1.0) {
             return;
         }
