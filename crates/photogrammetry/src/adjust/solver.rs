@@ -172,12 +172,15 @@ pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, A
     };
     let initial_chi2 = normal.chi2;
     let (mut damping, mut raises) = (1e-6, 0);
+    let mut pace = Pace::default();
     for iterations in 1..=options.max_iterations {
-        let step = damped_step(&normal, &layout, &structure, damping);
         // At the minimum rounding decides whether a step lowers the sum: the gain that the linear
         // model promises tells that there is nothing left to win.
         let nothing = NOTHING.max(options.relative_decrease * normal.chi2);
-        if step.as_ref().is_some_and(|step| step.gain <= nothing) {
+        let is_at_rest = pace.next_gain() <= nothing;
+        let step = (!is_at_rest).then(|| damped_step(&normal, &layout, &structure, damping));
+        let step = step.flatten();
+        if is_at_rest || step.as_ref().is_some_and(|step| step.gain <= nothing) {
             // The covariance is that of constraints at the result, not at the start.
             let inner = match inner {
                 Some(_) => {
@@ -189,6 +192,7 @@ pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, A
             let covariance = Covariance::of(normal, layout, structure, inner);
             return Ok(Fit { covariance, initial_chi2, iterations });
         }
+        let gain = step.as_ref().map_or(f64::INFINITY, |step| step.gain);
         let before = step.map(|step| {
             let before = Unknowns::of(problem);
             apply(problem, &layout, &structure, &step);
@@ -198,9 +202,11 @@ pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, A
         if let Some(next) = next.filter(|next| next.chi2 <= normal.chi2) {
             spare = Some(std::mem::replace(&mut normal, next));
             (damping, raises) = ((damping * 0.1).max(1e-14), 0);
+            pace.took(gain);
             continue;
         }
         before.into_iter().for_each(|before| before.put_back(problem));
+        pace = Pace::default();
         if damping > 1e10 {
             return Err(stuck(problem, &normal, &layout));
         }
@@ -209,6 +215,34 @@ pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, A
         damping *= if raises > 2 { 100.0 } else { 10.0 };
     }
     Err(AdjustError::NoConvergence(options.max_iterations))
+}
+
+/// How fast the gains of the steps become less.
+#[derive(Default)]
+struct Pace {
+    /// Of the last step, and over that of the one before.
+    last: Option<(f64, f64)>,
+}
+
+impl Pace {
+    /// A pace that is to be relied on: near the minimum of a good fit each gain is a millionth of the
+    /// one before, or less.
+    const FAST: f64 = 1e-3;
+    /// By how much the next gain may be more than the pace promises.
+    const DOUBT: f64 = 100.0;
+
+    fn took(&mut self, gain: f64) {
+        let before = self.last.map_or(f64::NAN, |(gain, _)| gain);
+        self.last = Some((gain, gain / before));
+    }
+
+    /// What the next step gains at most; infinite where the pace does not tell.
+    fn next_gain(&self) -> f64 {
+        match self.last {
+            Some((gain, pace)) if pace < Self::FAST => Self::DOUBT * pace * gain,
+            _ => f64::INFINITY,
+        }
+    }
 }
 
 fn stuck(problem: &Problem, normal: &Normal, layout: &Layout) -> AdjustError {
