@@ -271,7 +271,9 @@ async fn overhead(folder: &Path) {
     println!("| step, durable | {:.3} | {:.3} |", step.0, step.1);
     println!("| step, nothing stored | {:.4} | {:.4} |", engine.0, engine.1);
     let (alone, beside) = (step.0 / floor.0, step.0 / asked.0);
-    println!("\na durable step takes {alone:.2} and {beside:.2} times such a commit");
+    println!(
+        "\na durable step takes {alone:.2} times such a commit, {beside:.2} times one that is asked of another thread"
+    );
 }
 
 async fn soak(count: u32, folder: &Path) {

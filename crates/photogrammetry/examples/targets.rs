@@ -10,6 +10,9 @@ mod testing;
 
 use testing::{Print, target_cell};
 
+/// Of each pixel, grey levels; disc and ground differ by 100.
+const NOISE: f64 = 4.0;
+
 fn main() {
     println!(
         "| radius px | tilt deg | blur px | disc | read of 100 | wrong | rms px | stated / true variance |"
@@ -31,7 +34,7 @@ fn main() {
 
 /// Read, read wrongly, rms error of a coordinate in pixels, stated over true variance.
 fn cell(kind: Print, blur: f64) -> String {
-    let (image, prints) = target_cell(kind, blur, &usable_codes());
+    let (image, prints) = target_cell(kind, blur, NOISE, &usable_codes());
     let (mut read, mut wrong, mut squares, mut stated) = (0.0, 0, 0.0, 0.0);
     for target in find_targets(&image, &TargetOptions::default()) {
         let here = prints.iter().find(|print| target.covers(&Vector2::from(print.at), 0.5));

@@ -43,8 +43,8 @@ impl Batch {
         self
     }
 
-    /// Does it all: durable when this returns, or nothing of it is there. It is done to its end even
-    /// where nobody waits for it any more.
+    /// Does it all: durable when this returns, or nothing of it is there. Once it has its turn it is
+    /// done to its end even where nobody waits for it any more.
     pub(crate) async fn commit(self, writer: &Writer, doing: &str) -> Result<(), StoreError> {
         if let Some(error) = self.refused {
             return Err(step_failed_to(doing, error));

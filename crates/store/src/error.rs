@@ -148,7 +148,7 @@ pub(crate) fn step_failed_to(doing: &str, source: rusqlite::Error) -> StoreError
     by_code(doing.to_owned(), code, reason, source.into())
 }
 
-/// The thread that writes steps is not there, for a reason of the system.
+/// The thread that writes steps did not begin, or has ended.
 pub(crate) fn without_thread(doing: &str, reason: String) -> StoreError {
     let source = format!("the thread that writes steps: {reason}").into();
     StoreError::Database { doing: doing.to_owned(), source }

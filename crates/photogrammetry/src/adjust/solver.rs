@@ -32,8 +32,8 @@ pub enum Datum {
 pub struct Options {
     /// Most iterations of one round, steps that were refused included. Default 60.
     pub max_iterations: usize,
-    /// Ends when the linear model promises to lower chi squared by less than this part of itself.
-    /// Default 1e-10: far below what noise means.
+    /// Ends when the linear model, or the pace of the last steps, promises to lower chi squared by less
+    /// than this part of itself. Default 1e-10: far below what noise means.
     pub relative_decrease: f64,
     /// Observations whose residual is longer than this many of its standard deviations (Baarda's
     /// test) are left out and the rest adjusted again; infinite keeps all. Default 4.5: one in
@@ -220,26 +220,30 @@ pub(super) fn iterate(problem: &mut Problem, options: &Options) -> Result<Fit, A
 /// How fast the gains of the steps become less.
 #[derive(Default)]
 struct Pace {
-    /// Of the last step, and over that of the one before.
-    last: Option<(f64, f64)>,
+    /// The last gain.
+    gain: Option<f64>,
+    /// The last two gains, each over the one before.
+    quotients: [Option<f64>; 2],
 }
 
 impl Pace {
     /// A pace that is to be relied on: near the minimum of a good fit each gain is a millionth of the
-    /// one before, or less.
+    /// one before, or less. Twice in a row, since a first step from far away says nothing.
     const FAST: f64 = 1e-3;
     /// By how much the next gain may be more than the pace promises.
-    const DOUBT: f64 = 100.0;
+    const DOUBT: f64 = 10.0;
 
     fn took(&mut self, gain: f64) {
-        let before = self.last.map_or(f64::NAN, |(gain, _)| gain);
-        self.last = Some((gain, gain / before));
+        let quotient = self.gain.map(|before| gain / before);
+        *self = Self { gain: Some(gain), quotients: [self.quotients[1], quotient] };
     }
 
     /// What the next step gains at most; infinite where the pace does not tell.
     fn next_gain(&self) -> f64 {
-        match self.last {
-            Some((gain, pace)) if pace < Self::FAST => Self::DOUBT * pace * gain,
+        match (self.gain, self.quotients) {
+            (Some(gain), [Some(before), Some(last)]) if before.max(last) < Self::FAST => {
+                Self::DOUBT * last * gain
+            }
             _ => f64::INFINITY,
         }
     }

@@ -261,9 +261,13 @@ pub(super) fn speckle_cell(
     (canvas.shoot(4.0, &mut normal), spots)
 }
 
-/// A hundred targets of one kind in a grid, of random codes and turns, and where they are: contrast
-/// 100, noise 4.
-pub(super) fn target_cell(kind: Print, blur: f64, codes: &[u16]) -> (GrayImage, Vec<Print>) {
+/// A hundred targets of one kind in a grid, of random codes and turns, and where they are.
+pub(super) fn target_cell(
+    kind: Print,
+    blur: f64,
+    noise: f64,
+    codes: &[u16],
+) -> (GrayImage, Vec<Print>) {
     let mut normal = Normal::new(5);
     let pitch = 7.6 * kind.radius;
     let prints: Vec<Print> = (0..100)
@@ -277,5 +281,5 @@ pub(super) fn target_cell(kind: Print, blur: f64, codes: &[u16]) -> (GrayImage, 
         .collect();
     let size = (10.4 * pitch) as usize;
     let canvas = Canvas::new(size, size, kind.levels[1]).prints(&prints).blur(blur);
-    (canvas.shoot(4.0, &mut normal), prints)
+    (canvas.shoot(noise, &mut normal), prints)
 }

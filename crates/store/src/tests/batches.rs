@@ -1,5 +1,6 @@
 //! The connection that writes a run's steps.
 
+use std::task::Poll;
 use std::time::Duration;
 
 use beampose_core::{RunSink, SessionHeader, SessionId};
@@ -50,14 +51,18 @@ async fn a_step_that_nobody_waits_for_is_stored_before_what_comes_next() {
     store.open(&SessionHeader { steps: 50, ..header(id) }).await.unwrap();
     let mut given_up = 0;
     for number in 1..=50 {
-        let step = step(number, &format!("p{number:03}"), vec![picture("cam_a", &[7; 100_000])]);
-        let stored = tokio::time::timeout(Duration::ZERO, store.step(id, &step)).await;
-        given_up += u32::from(stored.is_err());
+        let bytes = vec![number as u8; 100_000];
+        let step = step(number, &format!("p{number:03}"), vec![picture("cam_a", &bytes)]);
+        let mut storing = store.step(id, &step);
+        // Asked once, which sends it, and given up.
+        let asked = std::future::poll_fn(|context| Poll::Ready(storing.as_mut().poll(context)));
+        given_up += u32::from(asked.await.is_pending());
+        drop(storing);
         // Its turn comes behind the step's, on the other connection.
         store.tag(id, &format!("tag-{number}"), at(0).utc).await.unwrap();
         assert_eq!(store.steps(id).await.unwrap().len(), number as usize);
     }
-    assert!(given_up > 0, "each step was stored before anybody could give it up");
+    assert!(given_up > 25, "{given_up}: most steps were stored before anybody could give them up");
     let found = store.verify(id).await.unwrap();
     assert!(found.is_sound(), "{found:?}");
 }

@@ -29,6 +29,9 @@ const FORGIVING: f64 = 0.55;
 /// and lens, and this much more where the blur is as wide as the disc; 0.01 and 0.54 were the worst of
 /// 2,000 prints. Rings of other numbers of sectors have changes in between.
 const ASTRAY: [f64; 2] = [0.03, 0.6];
+/// No less than this: the directions are a tenth of a sector apart, and in perspective the ring of a
+/// large disc is not quite about its middle.
+const LEAST_ASTRAY: f64 = 0.08;
 
 /// A quick look with few samples, and a reading that forgives much: is there a ring at all? Not so
 /// around laser dots, single spots and the ring's own sectors.
@@ -70,7 +73,8 @@ pub(super) struct Pardon {
 impl Pardon {
     /// Of the last reading, through a fitted edge.
     pub(super) fn of(margin: f64, edge: &EdgeFit) -> Self {
-        Self { margin, astray: ASTRAY[0] + ASTRAY[1] * edge.blur / edge.ellipse.semi_axes()[1] }
+        let astray = ASTRAY[0] + ASTRAY[1] * edge.blur / edge.ellipse.semi_axes()[1];
+        Self { margin, astray: astray.max(LEAST_ASTRAY) }
     }
 }
 

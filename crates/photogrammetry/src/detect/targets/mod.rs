@@ -43,10 +43,12 @@ const PLAIN: f64 = 0.015;
 /// another.
 const LEAST_DISTINCT: f64 = 2.5;
 
-/// Largest rms residual of an edge in units of the background's noise, and as a part of the contrast:
-/// what prints and sharpening leave. The sectors of a ring are no ellipses by 0.13.
+/// Largest rms residual of an edge: in units of the background's noise, as a part of the contrast (what
+/// prints and sharpening leave) and in grey levels (what compression leaves at an edge). The sectors of
+/// a ring are no ellipses by 0.13 of the contrast.
 const MOST_NOISE: f64 = 1.5;
 const MOST_UNLIKE: f64 = 0.06;
+const MOST_COMPRESSION: f64 = 2.0;
 
 /// What counts as a target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -274,7 +276,8 @@ fn measure(
     let edge = edge_fit::fit(image, ellipse)?;
     let EdgeFit { ellipse, levels, misfit, covariance, .. } = edge;
     let is_distinct = ellipse.semi_axes()[1] >= LEAST_DISTINCT;
-    let is_ellipse = misfit < (MOST_NOISE * noise).hypot(MOST_UNLIKE * levels.contrast());
+    let unlike = (MOST_UNLIKE * levels.contrast()).hypot(MOST_COMPRESSION);
+    let is_ellipse = misfit < unlike.hypot(MOST_NOISE * noise);
     if !is_distinct || !is_ellipse || !is_wanted(&ellipse, levels.contrast(), options) {
         return None;
     }
