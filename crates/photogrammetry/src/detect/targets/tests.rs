@@ -410,6 +410,39 @@ fn targets_that_a_camera_sharpened_and_compressed_are_read() {
     }
 }
 
+/// In perspective the ring is not quite about the middle of its disc.
+#[test]
+fn large_targets_in_perspective_are_read() {
+    const FOCAL: f64 = 3500.0;
+    for radius in [24.0, 44.0] {
+        let (side, tilt) = (7.2 * radius, 0.9f64);
+        let (sin, cos) = tilt.sin_cos();
+        // Of the print from the camera, in radii of the disc.
+        let distance = FOCAL / radius;
+        let turns: Vec<f64> = (0..25).map(|i| 0.2513 * f64::from(i)).collect();
+        let size = (5.0 * side) as usize;
+        let index = |x: f64, y: f64| ((y / side) as usize * 5 + (x / side) as usize).min(24);
+        let on_print = |x: f64, y: f64| {
+            let [across, down] = [x, y].map(|at| (at % side - 0.5 * side) / FOCAL);
+            let a = distance * across / (cos - sin * across);
+            let b = (distance + a * sin) * down;
+            let angle = (b.atan2(a) - turns[index(x, y)]).rem_euclid(std::f64::consts::TAU);
+            let sector = (12.0 * angle / std::f64::consts::TAU) as usize;
+            let is_ring = (2.0..3.0).contains(&a.hypot(b)) && ring_sectors(45)[sector.min(11)];
+            a.hypot(b) < 1.0 || is_ring
+        };
+        let canvas = Canvas::new(size, size, 180.0).map(|x, y, level| {
+            let parts = (0..16).map(|i| {
+                on_print(x + 0.25 * f64::from(i % 4) - 0.375, y + 0.25 * f64::from(i / 4) - 0.375)
+            });
+            level - 7.5 * parts.filter(|is_dark| *is_dark).count() as f64
+        });
+        let found = find(canvas.blur(0.6), 2.0, 3);
+        assert_eq!(found.len(), 25, "radius {radius}");
+        assert!(found.iter().all(|target| target.code == 45), "radius {radius}: {found:?}");
+    }
+}
+
 /// Rings that share the size of ours and nothing else, and of which none may pass for one of ours:
 /// neither whole, nor one of their sectors as a disc among the others.
 #[test]
