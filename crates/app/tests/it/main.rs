@@ -12,6 +12,7 @@ mod draw;
 mod drift;
 mod exchange;
 mod fault_matrix;
+mod instants;
 mod lab;
 mod lineage;
 mod other_pictures;

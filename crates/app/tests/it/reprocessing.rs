@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use beampose_store::{PoseRow, Processing, SolutionRow};
 use serde_json::Value;
 
+use crate::instants::UnderWay;
 use crate::lab::{Ended, Lab, plan, replaced, rig, solutions};
 
 /// A folder with so many sessions of four captures, each in another world.
@@ -216,26 +217,35 @@ fn killed_anywhere_the_same_command_goes_on_and_ends_as_if_nothing_had_been() {
     std::fs::copy(lab.path("beampose.db"), lab.path("before.db")).unwrap();
     let begin = Instant::now();
     lab.beampose(&ALL).expect_code(0);
-    let length = begin.elapsed();
+    let mut under_way = UnderWay::within(begin.elapsed());
     let whole = new_poses(&processings(&lab));
     assert!(whole.values().all(|of_session| of_session.len() == 2));
     let results = rows(&lab, whole.keys().next().unwrap(), 3).1;
     assert_eq!(results.len(), 1);
-    let (mut continued, mut kept) = (0, 0);
-    for kill in 0..8 {
+    let (mut continued, mut kept, mut tries) = (0, 0, 0);
+    while continued < 6 || kept == 0 {
+        tries += 1;
+        assert!(tries < 60, "of {tries} kills {continued} met it at work, {kept} poses kept");
         for ending in ["", "-wal", "-shm"] {
             let _none = std::fs::remove_file(lab.path(&format!("beampose.db{ending}")));
         }
         std::fs::copy(lab.path("before.db"), lab.path("beampose.db")).unwrap();
-        let after = length.mul_f64((f64::from(kill) + 0.5) / 8.0);
+        // Multiples of the golden ratio: any number of them lies evenly.
+        let after = under_way.instant((f64::from(tries) * 0.618_034).fract());
         if interrupted(&lab, after, "KILL").status.code().is_some() {
+            under_way.too_late(after);
             continue;
         }
         let begun = processings(&lab);
-        if begun.values().flatten().all(|(processing, _)| processing.finished.is_some()) {
-            // Before it began, or after all was done: there is nothing to go on with.
+        if begun.values().all(|of_session| of_session.len() == 2) {
+            under_way.too_soon(after);
             continue;
         }
+        if begun.values().flatten().all(|(processing, _)| processing.finished.is_some()) {
+            under_way.too_late(after);
+            continue;
+        }
+        under_way.met();
         let there: usize = begun.values().flat_map(|s| &s[2..]).map(|(_, poses)| poses.len()).sum();
         let ended = lab.beampose(&ALL).expect_code(0);
         assert!(ended.err.contains("3 of these were begun before: going on"), "{}", ended.err);
@@ -248,7 +258,6 @@ fn killed_anywhere_the_same_command_goes_on_and_ends_as_if_nothing_had_been() {
         kept += there;
     }
     println!("{continued} commands were gone on with, {kept} poses were there already");
-    assert!(continued >= 3 && kept > 0, "{continued}, {kept}");
     // Once it is complete, the same command is a new one.
     lab.beampose(&ALL).expect_code(0);
     assert!(processings(&lab).values().all(|of_session| of_session.len() == 6));
@@ -268,17 +277,22 @@ fn ctrl_c_finishes_what_is_under_way_and_the_same_command_goes_on() {
     let lab = lab_with(2);
     let begin = Instant::now();
     lab.beampose(&ALL).expect_code(0);
-    let length = begin.elapsed();
+    let mut under_way = UnderWay::within(begin.elapsed());
     let whole = new_poses(&processings(&lab));
-    // Some of these come before it begins or after it is done.
     let mut stopped = 0;
-    for (try_number, part) in [0.4, 0.5, 0.3, 0.6, 0.2, 0.7].into_iter().enumerate() {
+    for try_number in 0..30 {
+        let after = under_way.instant([0.4, 0.6][stopped]);
         let before: BTreeMap<String, usize> =
             processings(&lab).iter().map(|(id, all)| (id.clone(), all.len())).collect();
-        let output = interrupted(&lab, length.mul_f64(part), "INT");
+        let output = interrupted(&lab, after, "INT");
         let begun = processings(&lab).iter().any(|(id, all)| all.len() > before[id]);
         if output.status.code().is_none_or(|code| code == 0) || !begun {
             // It met the program before it listened or began, or after it was done.
+            if begun {
+                under_way.too_late(after)
+            } else {
+                under_way.too_soon(after)
+            }
             lab.beampose(&ALL).expect_code(0);
             continue;
         }
@@ -302,7 +316,7 @@ fn ctrl_c_finishes_what_is_under_way_and_the_same_command_goes_on() {
             break;
         }
     }
-    assert!(stopped > 0, "no signal met it at work");
+    assert_eq!(stopped, 2, "signals that met it at work");
 }
 
 #[test]

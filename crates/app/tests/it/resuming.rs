@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use crate::instants::UnderWay;
 use crate::lab::{Ended, Lab, plan, replaced, rig, signal};
 
 /// The default rig in a world that does not drift: no diode warms, no room does. What is measured
@@ -77,37 +78,6 @@ fn killed_or_ended(lab: &Lab, arguments: &[&str], after: Duration) -> Option<Dur
 /// Starts the program and kills it after a while; true if it had not ended by itself.
 fn killed(lab: &Lab, arguments: &[&str], after: Duration) -> bool {
     killed_or_ended(lab, arguments, after).is_none()
-}
-
-/// Between which instants of a run its session is under way. Learnt from each kill that came too
-/// soon or too late, since the same run takes half or twice as long as the machine is busy.
-struct UnderWay {
-    from: Duration,
-    to: Duration,
-}
-
-impl UnderWay {
-    fn width(&self) -> Duration {
-        self.to.saturating_sub(self.from)
-    }
-
-    fn instant(&self, share: f64) -> Duration {
-        self.from + self.width().mul_f64(share)
-    }
-
-    fn too_soon(&mut self, at: Duration) {
-        self.from = (self.from + at) / 2 + self.width().mul_f64(0.05);
-    }
-
-    fn too_late(&mut self, at: Duration) {
-        self.to = at.saturating_sub(self.width().mul_f64(0.05));
-    }
-
-    /// A little wider, so that the first and the last instants keep being tried.
-    fn met(&mut self) {
-        self.from = self.from.mul_f64(0.97);
-        self.to = self.to.mul_f64(1.03);
-    }
 }
 
 /// A laboratory whose run was killed when its session was first seen like this. A run that is over
@@ -188,7 +158,7 @@ fn killed_under_way(under_way: &mut UnderWay, share: f64) -> Lab {
 /// Kills runs at instants spread over the time that their session is under way; each goes on and
 /// must end as the whole one did.
 fn kill_and_resume(kills: u32, length: Duration, expected: &Acquired) {
-    let mut under_way = UnderWay { from: Duration::ZERO, to: length };
+    let mut under_way = UnderWay::within(length);
     for kill in 0..kills {
         // Multiples of the golden ratio: any number of them lies evenly.
         let share = (f64::from(kill) * 0.618_033_988_75).fract();
@@ -414,7 +384,7 @@ fn what_cannot_go_on_says_why() {
     let complete = lab.beampose(&["resume"]).expect_code(2);
     assert!(complete.err.contains("is complete: nothing to resume"), "{}", complete.err);
 
-    let mut under_way = UnderWay { from: Duration::ZERO, to: begin.elapsed() };
+    let mut under_way = UnderWay::within(begin.elapsed());
     let lab = killed_under_way(&mut under_way, 0.5);
     let changed = replaced(&quick_plan(), "settle: 2 s", "settle: 3 s");
     lab.write("plan.yaml", &changed);
