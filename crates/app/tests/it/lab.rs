@@ -43,14 +43,15 @@ pub fn plan(passes: u32, to: u32, step: u32) -> String {
     replaced(&text, "step: 100 mm", &format!("step: {step} mm"))
 }
 
-/// The translation test with turned captures, shortened: three turned ones, a pass of three stops.
+/// The translation test with turned captures, shortened: eight turned ones, a pass of three stops.
 pub fn turned_plan() -> String {
     let path = experiments().join("plans/translation-test-turned.yaml");
     let text = std::fs::read_to_string(path).unwrap();
     let text = replaced(&text, "rig: ../rigs/simulated.yaml\n", "");
     let text = replaced(&text, "passes: 6", "passes: 1");
     let text = replaced(&text, "to: 900 mm", "to: 200 mm");
-    replaced(&text, "turn: 3 deg", "turn: 24 deg")
+    let text = replaced(&text, "places: 450 mm", "places: 200 mm");
+    replaced(&text, "turn: 0.5 deg", "turn: 8 deg")
 }
 
 /// Sends the program a signal.

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::lab::{Ended, Lab, plan, turned_plan};
+use crate::lab::{Ended, Lab, SCALE, experiments, plan, turned_plan};
 
 /// A session of two passes with three stops, run once for all tests here. They only read it, or
 /// add processings with both methods.
@@ -55,16 +55,39 @@ fn a_run_solves_its_captures_and_writes_its_report() {
 fn turned_captures_are_solved_and_stay_out_of_the_passes() {
     let lab = Lab::new();
     let last = lab.run(&turned_plan(), &[]).expect_code(0).json_lines().pop().unwrap();
-    assert_eq!((&last["captures"], &last["verdict"]), (&6.into(), &"pass".into()));
+    assert_eq!((&last["captures"], &last["verdict"]), (&11.into(), &"pass".into()));
     let report = std::fs::read_to_string(lab.path("report/report.json")).unwrap();
     let report: Value = serde_json::from_str(&report).unwrap();
-    // All six are solved; the three of the pass are what the analysis is about.
+    // All eleven are solved; the three of the pass are what the analysis is about.
     let listed = lab.beampose(&["sessions", "--json"]).expect_code(0).json();
-    assert_eq!((&listed["captures"], &listed["solved"]), (&6.into(), &6.into()));
+    assert_eq!((&listed["captures"], &listed["solved"]), (&11.into(), &11.into()));
     assert_eq!((&report["captures"], &report["solved"]), (&3.into(), &3.into()));
     let of_session = &report["methods"]["session-adjustment"];
     assert_eq!(of_session["positions"].as_array().unwrap().len(), 3);
     assert_eq!(of_session["differences"].as_array().unwrap().len(), 3);
+}
+
+/// All beams of this rig's fan share an error of 0.02 % (1 sigma), nothing else has one of scale.
+#[test]
+fn turned_captures_tell_an_error_that_all_beams_share() {
+    let lab = Lab::new();
+    let rig = experiments().join("rigs/simulated-fan-scale.yaml");
+    let rig = rig.to_str().unwrap();
+    lab.write("plan.yaml", &turned_plan());
+    let run = ["run", "plan.yaml", "--rig", rig, "--picture-scale", SCALE, "--out", "report"];
+    lab.beampose(&run).expect_code(0);
+    let report = std::fs::read_to_string(lab.path("report/report.json")).unwrap();
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let furthest = |method: &str| {
+        let stop = &report["methods"][method]["positions"][2];
+        let of = |key: &str| stop[key].as_f64().unwrap();
+        (of("mean_difference_mm"), of("expanded_uncertainty_mm"))
+    };
+    let (alone, u_alone) = furthest("virtual-camera");
+    let (together, u_together) = furthest("session-adjustment");
+    println!("{alone} ({u_alone}), {together} ({u_together})");
+    assert!(alone.abs() < u_alone && together.abs() < u_together);
+    assert!(u_together < 0.5 * u_alone);
 }
 
 #[test]
